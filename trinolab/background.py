@@ -22,22 +22,6 @@ from numpy.typing import ArrayLike, DTypeLike
 from .checks import Array, as_image, as_number, as_whole
 from .window import Window
 
-__all__ = [
-    "BackgroundParameters",
-    "Detection",
-    "Difference",
-    "commonest_ratio",
-    "difference",
-    "has_moved",
-    "light_gain",
-    "moving_window",
-    "prepare",
-    "renewed",
-    "step",
-    "stepped",
-    "update",
-]
-
 WHITE = 255  # grey level at which a pixel is saturated: its light is this, or more
 DARK = 10.0  # grey level from which a ratio of greys says something
 _MOST = float(np.log(4.0))  # a change of light; beyond it the lens is covered

@@ -19,24 +19,6 @@ from numpy.typing import ArrayLike
 
 from .checks import Array, as_image, frozen
 
-__all__ = [
-    "RING_PX",
-    "SQUARE",
-    "Candidate",
-    "Cutout",
-    "Places",
-    "candidates",
-    "centre_of_light",
-    "centroid",
-    "contours",
-    "count_contours",
-    "cut_out",
-    "ellipse",
-    "places",
-    "reduced",
-    "searchable",
-]
-
 RING_PX = 3  # from a blob's outermost pixels to the ring around it
 SQUARE = np.ones((3, 3), np.uint8)
 _LARGE = 2**19  # px: larger images are searched at half their size, or a quarter

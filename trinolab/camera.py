@@ -19,26 +19,6 @@ from .checks import Array, as_array, as_number, as_points, as_transform, as_unit
 from .lens import as_intrinsics, as_size, distort, project_with_slopes, undistort
 from .rigid import cross_matrices
 
-__all__ = [
-    "CAMERA_PARAMETERS",
-    "Camera",
-    "Rig",
-    "RigCovariance",
-    "T_between",
-    "T_world_oxyz",
-    "as_rig",
-    "difference",
-    "displaced",
-    "distorted_pixels",
-    "epipolar_lines",
-    "fundamental_matrix",
-    "ideal_coordinates",
-    "ideal_pixels_of",
-    "image_of",
-    "lines_of",
-    "pixels_with_slopes",
-]
-
 NEAREST_MM = 1e-6  # depth from which on a point is in front of a camera
 # of a camera, in the order of `RigCovariance`, with their units
 CAMERA_PARAMETERS = (

@@ -15,22 +15,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import RigidTransform
 
-__all__ = [
-    "LARGEST",
-    "Array",
-    "as_array",
-    "as_image",
-    "as_number",
-    "as_points",
-    "as_rng",
-    "as_transform",
-    "as_unit",
-    "as_whole",
-    "check_numbers",
-    "frozen",
-    "whole_rows",
-]
-
 Array = NDArray[np.float64]
 
 # Of any unit. Far beyond any bench, and beyond what is computed from one: a point whose rays are

@@ -22,26 +22,6 @@ from .rigid import nearest_rotation
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "IMAGE_SIZE",
-    "Calibration",
-    "Table1",
-    "data_path",
-    "handle_file",
-    "handle_of",
-    "load_calibration",
-    "load_handle",
-    "load_real_sets",
-    "load_rig",
-    "load_sweep",
-    "load_table1",
-    "paper_rig",
-    "real_set",
-    "rig_file",
-    "rig_of",
-    "shipped_handles",
-]
-
 IMAGE_SIZE = (1280, 1024)  # assumed from the principal points; the paper prints no image size
 
 STANDOFF_MM = 549.0  # of CCD3, as far from the work as CCD1

@@ -37,8 +37,6 @@ from .metrics import (
     waits,
 )
 
-__all__ = ["Evaluation", "TrackQuality", "as_lines", "evaluate", "how_long"]
-
 log = logging.getLogger("trinolab")
 
 # a handle whose symmetries make the poses fit has this share of the angle between them, at most

@@ -21,16 +21,6 @@ from .camera import Camera
 from .checks import Array, as_array, as_number, as_transform, check_numbers, frozen
 from .rigid import apart
 
-__all__ = [
-    "Handle",
-    "angles_to",
-    "as_handle",
-    "facing_pixels",
-    "on_cylinder",
-    "slant_angles",
-    "slants",
-]
-
 _LARGEST = 1e6  # mm or deg
 
 

@@ -30,8 +30,6 @@ from .kalman import (
 )
 from .window import Window
 
-__all__ = ["Track", "draw", "nees", "run", "search_window", "track"]
-
 Step = tuple[State, State, float, bool]
 
 

@@ -19,29 +19,6 @@ from scipy.special import chdtri
 
 from .checks import LARGEST, Array, as_array, as_number, check_numbers, frozen
 
-__all__ = [
-    "MIN_DT_S",
-    "Innovation",
-    "KalmanParameters",
-    "State",
-    "as_covariance",
-    "compare",
-    "constant_acceleration",
-    "correct",
-    "covariance_root",
-    "gate",
-    "initial_state",
-    "innovation",
-    "nis",
-    "observation_matrix",
-    "predict",
-    "predict_motion",
-    "propagate",
-    "solve_covariance",
-    "update",
-    "white_jerk",
-]
-
 RELATIVE_ATOL = 1e-9  # of a correlation: far above rounding, far below what a mistake makes
 TINY = 1 / LARGEST**2  # a smaller variance is zero
 MIN_DT_S = 1e-9

@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike
 
 from .checks import Array, as_array, as_number, whole_rows
 
-__all__ = ["as_intrinsics", "as_size", "distort", "project_with_slopes", "undistort"]
-
 LARGEST_PX = 65535  # side of an image
 
 

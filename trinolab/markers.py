@@ -16,19 +16,6 @@ from numpy.typing import ArrayLike
 from . import blobs
 from .checks import Array, as_image, as_number, as_points, check_numbers, frozen
 
-__all__ = [
-    "Blob",
-    "MarkerParameters",
-    "Markers",
-    "ThresholdStep",
-    "blob_at",
-    "brightened",
-    "find_markers",
-    "halfway",
-    "iterative_threshold",
-    "markers_at",
-]
-
 LADDER = 8  # even thresholds tried besides the bisection's
 _TRIES = 10  # places looked at for each marker wanted
 _FOUND = 100  # marks a place where a marker was accepted; smaller values count attempts

@@ -15,22 +15,6 @@ from .camera import Camera, Rig, epipolar_lines, ideal_pixels_of, lines_of
 from .checks import Array, as_array, as_image, as_number, as_points, check_numbers, frozen
 from .uncertainty.systematic import offsets_of
 
-__all__ = [
-    "MatchParameters",
-    "Matches",
-    "candidates",
-    "correlations",
-    "distances_from_lines",
-    "epipolar_distances",
-    "in_order",
-    "match",
-    "mutual",
-    "ncc",
-    "ncc_matrix",
-    "rig_candidates",
-    "standardised",
-]
-
 # contrast of a window by its largest value; one grey level in one pixel of 16 bit is 1.5e-5
 FLAT = 1e-6
 RIG_SIGMAS = 4.0  # of the rig's errors that a gate lets through

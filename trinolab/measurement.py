@@ -25,8 +25,6 @@ from .pose import LOST, Pose
 from .uncertainty.usual import known_covariance
 from .window import Window
 
-__all__ = ["Measurement", "as_images", "chosen", "markers_in", "measure"]
-
 
 @dataclass(frozen=True, eq=False)
 class Measurement:

@@ -2,8 +2,6 @@
 it computes.
 """
 
-__all__ = ["BEST", "DEFAULT", "ESTIMATORS", "METHODS", "PAPER", "check_option", "estimator_of"]
-
 PAPER = "paper"  # Eq. 20-24: what the functions of the chain take unless they are told otherwise
 BEST = "patches"  # the most accurate that keeps up with 30 frames a second
 ESTIMATORS = (PAPER, "reprojection", BEST)

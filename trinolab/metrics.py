@@ -20,28 +20,6 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from .checks import Array, as_array, as_number, as_transform
 
-__all__ = [
-    "FAR_DEG",
-    "FAR_MM",
-    "PoseErrors",
-    "angle_differences_deg",
-    "angle_errors_deg",
-    "can_be_measured",
-    "euler_deg",
-    "far_off",
-    "flips",
-    "geodesic_deg",
-    "nearest_equivalent",
-    "nearest_index",
-    "nees",
-    "pose_errors",
-    "pose_from_euler_deg",
-    "position_error",
-    "position_errors",
-    "track_equivalent",
-    "waits",
-]
-
 FAR_MM, FAR_DEG = 2.0, 5.0  # beyond either a pose is far off
 # markers that one camera, or each of two, has to see: as many fix the pose
 SEEN_BY_ONE, SEEN_BY_TWO = 4, 3

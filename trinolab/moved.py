@@ -16,8 +16,6 @@ from importlib.util import find_spec
 from types import CodeType, ModuleType
 from typing import Any
 
-__all__ = ["MovedFinder", "moved_to"]
-
 MOVED = {
     "trinolab.accept": "workbench.accept",
     "trinolab.classkit": "workbench.classkit",

@@ -13,8 +13,6 @@ from .markers import MarkerParameters
 from .matching import MatchParameters
 from .methods import check_option, estimator_of
 
-__all__ = ["Parameters"]
-
 
 @dataclass(frozen=True)
 class Parameters:

@@ -9,8 +9,6 @@ from __future__ import annotations
 import numpy as np
 from numba import boolean, float32, float64, int64, njit, types, uint8, void
 
-__all__ = ["compare_and_renew", "largest_region"]
-
 
 def _read(number: types.Type) -> types.Type:
     """The type of an image that is read."""

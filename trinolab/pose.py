@@ -25,19 +25,6 @@ from .uncertainty.centroids import NOISE_PX, bias_covariance, centroid_covarianc
 from .uncertainty.size import equally_seen, settled
 from .uncertainty.systematic import NOTHING, Response, is_uncertain, response, systematic_covariance
 
-__all__ = [
-    "LOST",
-    "Pose",
-    "fit_pose",
-    "fit_response",
-    "pose_of_centroids",
-    "rigid_fit",
-    "rigid_fit_covariance",
-    "rigid_fit_gain",
-    "rigid_motion",
-    "weighted_fit",
-]
-
 SMALLEST_MM = 1e-9  # points that are nearer to a line than that lie on it
 
 

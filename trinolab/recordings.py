@@ -9,8 +9,6 @@ from .datasets import handle_of, rig_of
 from .files.recording import Recording, open_folder
 from .handle import Handle
 
-__all__ = ["read_recording"]
-
 
 def read_recording(
     folder: str | Path,

@@ -15,20 +15,6 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from .checks import Array, as_array
 
-__all__ = [
-    "apart",
-    "cross_matrices",
-    "left_jacobian",
-    "motion_between",
-    "nearest_rotation",
-    "placed",
-    "quaternion",
-    "rotation_matrix",
-    "rotation_of",
-    "rotation_vector",
-    "shifted",
-]
-
 
 def placed(position: Array, rotation: Array) -> RigidTransform:
     """The motion with a position (3,) and a rotation matrix (3, 3).

@@ -16,8 +16,6 @@ from .methods import DEFAULT
 from .parameters import Parameters
 from .window import Window
 
-__all__ = ["measure_instant"]
-
 
 def measure_instant(
     frames: Sequence[ArrayLike],

@@ -25,8 +25,6 @@ from .measurement import Measurement, as_images, measure
 from .parameters import Parameters
 from .window import Window
 
-__all__ = ["CameraState", "TrackerState", "corrected", "start", "step"]
-
 
 class CameraState(NamedTuple):
     """What the tracker knows of one camera.

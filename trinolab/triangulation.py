@@ -15,25 +15,6 @@ from scipy.spatial.transform import RigidTransform
 from .camera import Camera, Rig, T_between, as_rig, ideal_coordinates
 from .checks import Array, as_array, as_number, as_points, as_transform, whole_rows
 
-__all__ = [
-    "by_pairs",
-    "depth_forms",
-    "from_left_camera",
-    "mean_of_pairs",
-    "mean_point",
-    "mean_slopes",
-    "mean_with_covariance",
-    "pairs_with_slopes",
-    "points_of_pair",
-    "points_of_pairs",
-    "triangulate",
-    "triangulate_pair",
-    "triangulate_weighted",
-    "triangulate_with_covariance",
-    "triangulation_covariance",
-    "two_forms",
-]
-
 
 def depth_forms(
     xy_left: ArrayLike, xy_right: ArrayLike, T_right_left: RigidTransform

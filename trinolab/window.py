@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike
 
 from .checks import as_image, as_number, as_points, as_whole
 
-__all__ = ["Window"]
-
 
 @dataclass(frozen=True)
 class Window:

@@ -8,8 +8,6 @@ import signal
 import threading
 from multiprocessing.process import BaseProcess
 
-__all__ = ["serve_parent"]
-
 
 def serve_parent() -> None:
     """Leave Ctrl-C to the process that started this one, and end when it is gone.

@@ -16,8 +16,6 @@ from typing import Any, BinaryIO
 
 from trinolab.files import limits
 
-__all__ = ["opened"]
-
 METADATA = "metadata.yaml"
 METADATA_BYTES = limits.MIB // 4  # its parser takes ten seconds for a megabyte
 FILE_RATIO = (

@@ -54,8 +54,6 @@ from trinolab.handle import Handle
 
 from .bagreader import opened
 
-__all__ = ["Message", "is_bag", "track_recording", "unpack_bag", "write_bag"]
-
 log = logging.getLogger("trinolab")
 
 WORLD, HANDLE = "world", "handle"

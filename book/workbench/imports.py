@@ -17,17 +17,6 @@ import grimp
 import trinolab
 from trinolab import FACE
 
-__all__ = [
-    "PACKAGES",
-    "files_of_module",
-    "import_graph",
-    "imported_files",
-    "is_ours",
-    "module_of_file",
-    "modules_imported",
-    "our_files",
-]
-
 PACKAGES = {
     "trinolab": Path(trinolab.__file__).resolve().parent,
     "workbench": Path(__file__).resolve().parent,

@@ -20,28 +20,6 @@ from scipy import stats
 
 from trinolab.checks import Array, as_array, as_number, as_whole
 
-__all__ = [
-    "LEVEL",
-    "NONE",
-    "Interval",
-    "allan_deviation",
-    "allan_freedom",
-    "by_bootstrap",
-    "highest_share",
-    "octaves",
-    "of_allan",
-    "of_mean",
-    "of_quantile",
-    "of_ratio",
-    "of_series",
-    "of_share",
-    "of_slope",
-    "of_student",
-    "of_sums",
-    "ratio",
-    "rms",
-]
-
 LEVEL = 0.95
 RESAMPLES = 2000
 NORMAL = 1.96  # standard deviations, of which the normal distribution holds 95 %

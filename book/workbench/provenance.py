@@ -25,23 +25,6 @@ from trinolab.datasets import data_path
 
 from .imports import files_of_module, imported_files, is_ours, module_of_file, our_files
 
-__all__ = [
-    "code_hash",
-    "commit",
-    "hash_cells",
-    "hash_code",
-    "hash_files",
-    "hash_function",
-    "hash_text",
-    "machine",
-    "made_from_function",
-    "made_from_module",
-    "made_from_notebook",
-    "source_of",
-    "surroundings",
-    "versions",
-]
-
 
 def surroundings(code: Iterable[Path] | None = None) -> dict[str, str]:
     """A hash of each thing that a result depends on beside its own notebook or function.

@@ -18,8 +18,6 @@ from ..checks import Array, as_number, as_rng, as_transform
 from .optics import Bench, background, blurred, digitise
 from .rays import sample_offsets
 
-__all__ = ["DARK_GREY", "WHITE_GREY", "board_positions", "board_radiance", "render_board"]
-
 DARK_GREY, WHITE_GREY = 30.0, 200.0  # of the squares: no level saturates
 _EMPTY = 0
 _WHITE = 1

@@ -19,19 +19,6 @@ from ..checks import Array, as_array, as_transform, as_unit, check_numbers
 from ..handle import Handle, on_cylinder, slants
 from .rays import facing, hull_region, marker_area, marker_outline
 
-__all__ = [
-    "Arm",
-    "CapsuleHits",
-    "Capsules",
-    "capsule_corners",
-    "capsule_region",
-    "capsules",
-    "cast_capsules",
-    "in_camera",
-    "skin_grey",
-    "true_visibility",
-]
-
 _FINGER_DEG = (100.0, 175.0, 250.0)  # from the palm: knuckle, middle joint, tip
 # a second hand before a camera: its distance from the handle, its radius
 _HIDING_MM, _HIDING_RADIUS_MM = 250.0, 20.0

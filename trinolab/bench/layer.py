@@ -41,8 +41,6 @@ from .rays import (
     to_rays,
 )
 
-__all__ = ["WALL_MM", "Layer", "cropped", "foreground", "over", "shadow"]
-
 _CHUNK = 16_384  # rays cast at once: their arrays stay in the cache
 _ARM = -4  # label of what an arm hides, beside those of raycast
 # a side of the square of samples at an edge between skin and background: nothing is measured there

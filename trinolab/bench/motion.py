@@ -14,8 +14,6 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from ..checks import Array, as_array, as_number, as_rng, as_transform
 
-__all__ = ["human_motion", "motion_at", "orientation", "random_pose", "smooth_motion"]
-
 _BANDS_HZ = (0.1, 0.2, 0.35, 0.5)  # a coordinate is the sum of one sinusoid from each band
 _RAMP_S = 0.3  # to come to rest, and to start again
 # measured: with them the medians over a long time are the speeds asked for

@@ -14,8 +14,6 @@ import numpy as np
 from ..camera import Camera
 from ..checks import Array, as_image, as_rng, as_unit, as_whole, check_numbers, frozen
 
-__all__ = ["Bench", "background", "blurred", "digitise", "lambert"]
-
 
 @dataclass(frozen=True)
 class Bench:

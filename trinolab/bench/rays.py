@@ -19,25 +19,6 @@ from ..camera import Camera
 from ..checks import Array, as_transform
 from ..handle import Handle, on_cylinder
 
-__all__ = [
-    "CAP",
-    "EMPTY",
-    "SIDE",
-    "Hits",
-    "OvalHandle",
-    "body_corners",
-    "body_region",
-    "cast",
-    "cast_rays",
-    "edge_pixels",
-    "facing",
-    "hull_region",
-    "marker_area",
-    "marker_outline",
-    "sample_offsets",
-    "to_rays",
-]
-
 # labels of what is no marker; marker k has the label k
 EMPTY = -3
 SIDE = -2

@@ -50,22 +50,6 @@ from ..pose import LOST, Pose
 from ..workers import serve_parent
 from .scenario import Job, Shot, calm, empty, following, hard, seen_markers, slow, take
 
-__all__ = [
-    "DRAWN_WITH",
-    "SCRIPTS",
-    "Kept",
-    "clear_recordings",
-    "kept_folder",
-    "kept_recordings",
-    "made_from",
-    "recordings_folder",
-    "render",
-    "scripted",
-    "standard_recording",
-    "truth_of",
-    "write_recording",
-]
-
 SCRIPTS = {"calm": calm, "hard": hard, "slow": slow}
 SECONDS = 10.0  # of a standard recording
 # behind the name of a standard recording: whoever renders it has this file; it is being removed

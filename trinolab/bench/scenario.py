@@ -25,28 +25,6 @@ from .motion import human_motion, motion_at
 from .optics import Bench, background, blurred, digitise
 from .scene import EXPOSURE_S, smeared
 
-__all__ = [
-    "ABSENT_S",
-    "AWAY_S",
-    "BACK_S",
-    "COVERED",
-    "EMPTY_S",
-    "HIDDEN",
-    "HOLDING",
-    "LIGHT_STEP_S",
-    "Job",
-    "Shot",
-    "calm",
-    "empty",
-    "following",
-    "hard",
-    "light_of",
-    "noisy",
-    "seen_markers",
-    "slow",
-    "take",
-]
-
 # The hard script's times, s. A camera is its place in the rig; a rig of two takes them in turn.
 HIDDEN = ((0.6, 1.4, 2), (4.4, 5.2, 0), (9.0, 9.8, 1))  # a second hand is before this camera
 LIGHT_STEP_S = 1.5

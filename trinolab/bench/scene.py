@@ -24,17 +24,6 @@ from .hand import Arm
 from .layer import Layer, cropped, foreground, over
 from .optics import Bench, background, blurred, digitise
 
-__all__ = [
-    "EXPOSURE_S",
-    "exposed",
-    "radiance",
-    "render",
-    "render_clip",
-    "render_rig",
-    "scaled",
-    "smeared",
-]
-
 EXPOSURE_S = 0.010
 STEP_PX = 0.5  # the farthest that a marker moves from one sample of the exposure to the next
 SMEAR_STEP_PX = 1.5  # likewise in `smeared`

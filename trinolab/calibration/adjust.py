@@ -23,20 +23,6 @@ from .model import State, images, normal_equations, stepped, stepped_views
 from .normal import Normal, damped, descended, eliminated, solved
 from .start import homography, intrinsics, target_pose
 
-__all__ = [
-    "REST",
-    "TERMS",
-    "UNEXPLAINED",
-    "Calibrated",
-    "Poses",
-    "calibrate",
-    "camera_of",
-    "inverse",
-    "lenses_of",
-    "matrices",
-    "posed",
-]
-
 Poses = list[RigidTransform | None]
 TERMS = (0, 1, 2, 4, 5)  # numbers of distortion coefficients that make sense: k1, k2, (p1, p2), k3
 FEWEST_VIEWS = 3

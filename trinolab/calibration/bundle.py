@@ -43,8 +43,6 @@ from ..rigid import cross_matrices, left_jacobian
 from .normal import Normal, Reduced, damped, descended, eliminated, rows
 from .prior import Prior, basis
 
-__all__ = ["Bundle", "Centres", "Q", "adjust", "fit_poses"]
-
 Q = len(CAMERA_PARAMETERS)  # of a camera
 HUBER = 3.0  # standard deviations beyond which a centre counts for less
 MOST_ROUNDS = 10

@@ -33,8 +33,6 @@ from .tables import read_corners, read_lenses
 from .target import Target
 from .views import MOST_KEPT, TargetViews, check_connected, look_lines, read_views, some
 
-__all__ = ["RigCalibration", "as_lines", "calibrate_rig"]
-
 # cameras that are not triggered together come to 0.8; a camera that is frozen to 10 and more
 LEAST_MOVED_PX = 1.0  # by a point of the target, from view to view
 WORST_RMS_PX = 3.0

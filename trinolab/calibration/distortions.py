@@ -23,15 +23,6 @@ from ..rigid import motion_between
 from .adjust import TERMS, Calibrated, calibrate, posed
 from .outliers import calibrate_robustly, silent
 
-__all__ = [
-    "Choice",
-    "as_lines",
-    "calibrate_by_choice",
-    "chosen",
-    "left_out_squares",
-    "spread_of_cameras",
-]
-
 FOLDS = 5  # parts of the views, each of which is left out once
 MOST_VIEWS = 25  # that are asked: a calibration of many takes long
 

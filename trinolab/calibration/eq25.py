@@ -14,8 +14,6 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from ..checks import Array, as_array, frozen
 
-__all__ = ["RelativePose", "mean_relative_pose", "relative_pose", "rotation_sigma"]
-
 
 @dataclass(frozen=True, eq=False)
 class RelativePose:

@@ -14,8 +14,6 @@ from tqdm import tqdm
 
 from .target import Look, Target, as_usual, dictionary_of, find_target, sight_target
 
-__all__ = ["hint", "larger"]
-
 # of each family of markers its dictionaries, the smallest first
 FAMILIES = (
     *([f"{n}X{n}_{size}" for size in (50, 100, 250, 1000)] for n in (4, 5, 6, 7)),

@@ -22,8 +22,6 @@ from .start import homography, intrinsics, target_pose
 from .target import Target, upright_corners
 from .views import TargetViews
 
-__all__ = ["Flipped", "flipped_lens", "unmirrored"]
-
 FEWEST_SHARED = 3  # views, by which two cameras contradict each other or agree
 FEWEST_POINTS = 6  # of a view
 CLEARER = 3.0  # times as far must relative poses spread in the one case as in the other

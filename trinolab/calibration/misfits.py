@@ -19,8 +19,6 @@ from .bundle import Bundle, Centres, adjust
 from .outliers import far_above
 from .prior import Prior
 
-__all__ = ["Cleaned", "adjust_robustly", "view_rms"]
-
 FEWEST, FEWEST_MARKERS = 4, 3  # centres of an instant, and markers: what fixes a pose
 
 

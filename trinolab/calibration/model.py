@@ -23,8 +23,6 @@ from ..lens import project_with_slopes
 from ..rigid import cross_matrices
 from .normal import Normal
 
-__all__ = ["Images", "State", "images", "normal_equations", "stepped", "stepped_views"]
-
 
 class State(NamedTuple):
     """Where an adjustment stands.

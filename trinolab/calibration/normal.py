@@ -23,8 +23,6 @@ import numpy as np
 
 from ..checks import Array
 
-__all__ = ["Descent", "Normal", "Reduced", "damped", "descended", "eliminated", "rows", "solved"]
-
 MOST_STEPS = 300
 FIRST_DAMPING, MOST_DAMPING = 1e-6, 1e6
 

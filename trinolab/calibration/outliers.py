@@ -21,8 +21,6 @@ from .adjust import Calibrated, Poses, calibrate
 from .eq25 import relative_pose
 from .start import homography
 
-__all__ = ["FEWEST_POINTS", "UNSEEN", "calibrate_robustly", "far_above", "silent", "too_few"]
-
 FEWEST_POINTS = 6  # of a view: two more than a homography needs, so that a wrong one shows
 UNSEEN = "no target found"
 # times the median residual of the camera's views; a blurred or steep view has up to twice it

@@ -26,8 +26,6 @@ from ..rigid import cross_matrices
 from ..uncertainty.systematic import students_factor
 from ..uncertainty.usual import known_covariance, known_placement_mm
 
-__all__ = ["Length", "Prior", "basis", "prior_of"]
-
 POSE = slice(9, 15)  # of a camera's parameters those of its place and direction
 _ROUNDING = 1e-12
 

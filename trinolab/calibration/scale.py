@@ -15,8 +15,6 @@ from .start import homography, intrinsics, target_pose
 from .target import Target
 from .views import TargetViews
 
-__all__ = ["check_scale", "distance_of_target"]
-
 log = logging.getLogger("trinolab")
 
 # Distances from camera to target. No lens of a webcam or an industrial camera is sharp nearer than the

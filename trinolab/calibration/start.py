@@ -14,8 +14,6 @@ from scipy.spatial.transform import RigidTransform
 from ..checks import Array, as_array, as_points, frozen
 from ..rigid import nearest_rotation
 
-__all__ = ["homography", "intrinsics", "target_pose"]
-
 
 def homography(xy: ArrayLike, uv: ArrayLike) -> Array | None:
     """The homography that takes points of a plane to pixels, by the normalised direct linear

@@ -39,8 +39,6 @@ from .adjust import REST, Calibrated, camera_of, inverse, lenses_of, matrices
 from .model import Images, State, images, normal_equations, stepped
 from .normal import Normal, descended, eliminated, solved
 
-__all__ = ["Synchrony", "synchronised"]
-
 FEWEST_VIEWS = 5  # that say something of a motion
 # Displacements of the target's points that are looked for in the middle of the images, by the pixel
 # noise: far below it nothing shows, and far above it the images say nothing.

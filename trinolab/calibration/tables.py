@@ -23,8 +23,6 @@ from ..files.inputs import get, read_csv, read_toml
 from .target import Target
 from .views import TargetViews
 
-__all__ = ["read_corners", "read_lenses"]
-
 CAMERA, VIEW, POINT = ("cam_id", "port"), ("sync_index",), ("keypoint_id", "point_id")
 TIME = "frame_time"  # s
 PIXELS, PLACES = ("img_loc_x", "img_loc_y"), ("obj_loc_x", "obj_loc_y")

@@ -18,22 +18,6 @@ from numpy.typing import ArrayLike
 
 from ..checks import Array, as_image, as_number, as_whole, frozen
 
-__all__ = [
-    "Board",
-    "Look",
-    "Sighting",
-    "Target",
-    "as_usual",
-    "dictionary_of",
-    "find_corners",
-    "find_target",
-    "half_window",
-    "looks",
-    "sharpened",
-    "sight_target",
-    "upright_corners",
-]
-
 _FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-4)  # of the sub-pixel search: px
 KINDS = ("chessboard", "circles", "charuco")

@@ -18,8 +18,6 @@ from ..files.images import is_image, read_greys
 from ..files.recording import Footage, frames_of, open_footage
 from .target import Look, Sighting, Target, looks, sight_target
 
-__all__ = ["TargetViews", "check_connected", "look_lines", "read_views", "some"]
-
 MOST_KEPT = 5  # of a camera's images without the target
 # Images that are looked at first where there are three times as many: if none shows the target, an image
 # without it takes longest, and there is no use in looking at them all.

@@ -44,8 +44,6 @@ from .imagemodel import (
 from .patches import Patches, patches
 from .rows import BLUR, EXPOSURE, POSE
 
-__all__ = ["CentrePixels", "Registered", "centre_pixels", "predict_centroids", "register"]
-
 # of the sum; twice as many of both change a centroid by less than 0.001 px up to 70 deg
 RINGS, SPOKES = 8, 24
 NEAR_PX = 0.1  # a shift below which what the model leaves is not that markers are elsewhere

@@ -18,8 +18,6 @@ from ..uncertainty.systematic import Response, is_uncertain, known_errors
 from .identified import Identified
 from .pixels import fit_patches, judged
 
-__all__ = ["checked_pose"]
-
 APART_MM = 1.5  # a little less than what a measured pose may be off
 APART_RAD = np.deg2rad(4.0)  # likewise
 

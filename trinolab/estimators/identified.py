@@ -10,8 +10,6 @@ from scipy.spatial.transform import RigidTransform
 
 from ..checks import Array
 
-__all__ = ["Identified"]
-
 
 class Identified(NamedTuple):
     """An instant with its markers identified.

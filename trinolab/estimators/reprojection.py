@@ -35,8 +35,6 @@ from .pixels import (
     moved,
 )
 
-__all__ = ["fit_centroids", "fit_pixels", "reprojection_pose", "response_of_pixels"]
-
 SETTLED_PX = 0.05  # a shift after which the next one is a fifth of it
 # A last step that is longer leads away: of 2,160 fits on the broken bench two had 32 and 43, and were 9 deg
 # off; all others had 3.2 at most.

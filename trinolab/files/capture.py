@@ -29,8 +29,6 @@ from .devices import Source, Taken, drain, instants_of, open_source
 from .kept import locked
 from .rigs import read_handle, read_rig
 
-__all__ = ["HAND_MM_S", "Captured", "Writer", "capture", "new_folder", "side_by_side", "timing"]
-
 QUEUE = 32  # instants that wait to be written: a second, 130 MB of three cameras of 1280 x 1024
 # What a handle may move between the images of an instant, and how fast hands are: a person's in
 # the median, see `bench.motion.human_motion`, and one that is led with care.

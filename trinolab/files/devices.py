@@ -19,18 +19,6 @@ import numpy as np
 
 from .recording import open_video
 
-__all__ = [
-    "Attached",
-    "Source",
-    "Taken",
-    "drain",
-    "fetched",
-    "instants_of",
-    "list_cameras",
-    "open_index",
-    "open_source",
-]
-
 WAITED_S = 1e-3  # a grab that takes as long has waited for its frame
 # where Linux has its cameras, and their names
 DEVICES, ABOUT = Path("/dev"), Path("/sys/class/video4linux")

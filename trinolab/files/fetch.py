@@ -16,8 +16,6 @@ from typing import Any, NamedTuple
 
 from .inputs import get, read_toml
 
-__all__ = ["RealFile", "RealSet", "cache_folder", "find", "read_real_sets", "why_not"]
-
 VARIABLE = "TRINOLAB_DATA"
 
 

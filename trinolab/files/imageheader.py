@@ -6,8 +6,6 @@ import re
 import struct
 from typing import NamedTuple
 
-__all__ = ["Stated", "stated"]
-
 
 class Stated(NamedTuple):
     """Width and height of an image, px, and how many pixels its decoder holds at a time: a TIFF's

@@ -19,20 +19,6 @@ import numpy as np
 from . import limits
 from .imageheader import stated
 
-__all__ = [
-    "IMAGE_SUFFIXES",
-    "Grey",
-    "as_grey",
-    "check_size",
-    "check_stated",
-    "decoded",
-    "is_image",
-    "read_grey",
-    "read_greys",
-    "said_once",
-    "unheard",
-]
-
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
 NO_IMAGE = "cannot be read as an image of 8 or 16 bit"
 COMPLAINTS = 1 << 16  # bytes of what a decoder writes that are looked at

@@ -17,8 +17,6 @@ from . import limits
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["get", "read_csv", "read_json", "read_toml"]
-
 
 class _TooManyError(ValueError):
     """Says how many words a table may have."""

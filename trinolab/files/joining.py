@@ -13,8 +13,6 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
-__all__ = ["DELAY", "Offset", "best_offset", "join"]
-
 FITS_MM = 2.0  # the median distance of poses that belong to their truth; a worse one is looked into
 BETTER = 0.25  # another offset has to fit so much better, as a share of that distance
 # frames by which a tracker may be late: a larger offset is a wrong join

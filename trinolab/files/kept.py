@@ -16,8 +16,6 @@ from typing import Self
 from . import limits
 from .outputs import check_target, resolved
 
-__all__ = ["KeptLines", "locked", "removed_if_killed", "sole_writer"]
-
 try:
     import fcntl
 except ImportError:  # a system without such locks

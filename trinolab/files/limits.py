@@ -14,35 +14,6 @@ import stat
 from pathlib import Path
 from typing import BinaryIO, Final
 
-__all__ = [
-    "ALL_DOTS",
-    "BAG_BYTES",
-    "BRACKETS",
-    "CAMERAS",
-    "CELLS",
-    "COLUMNS",
-    "COVARIANCE_BYTES",
-    "DOTS",
-    "ENTRIES",
-    "IMAGE_BYTES",
-    "LINES",
-    "MARKERS",
-    "MIB",
-    "PIXELS",
-    "TABLE_BYTES",
-    "TOML_BYTES",
-    "TREE_BYTES",
-    "WORDS",
-    "check_bytes",
-    "check_count",
-    "check_pixels",
-    "check_regular",
-    "check_table",
-    "check_toml",
-    "open_regular",
-    "read_bytes",
-]
-
 MIB: Final = 1 << 20
 CAMERAS = 16  # of a rig
 MARKERS = 200  # of a handle

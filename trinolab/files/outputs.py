@@ -11,16 +11,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "check_parent",
-    "check_target",
-    "check_targets",
-    "resolved",
-    "write_table",
-    "write_together",
-    "write_whole",
-]
-
 
 def check_target(path: str | Path) -> None:
     """Refuse, with a ValueError, a place where `write_whole` could not write: asked before a long

@@ -22,23 +22,6 @@ from .inputs import read_csv
 from .outputs import write_whole
 from .rigs import covariance_path
 
-__all__ = [
-    "POSE_COLUMNS",
-    "STATUSES",
-    "as_poses",
-    "contradictions",
-    "pose_row",
-    "pose_table",
-    "poses_by_frame",
-    "poses_text",
-    "read_poses",
-    "transforms",
-    "truth_table",
-    "tum_text",
-    "write_poses",
-    "write_tum",
-]
-
 POSE_COLUMNS = (
     "frame",
     "t_s",

@@ -20,21 +20,6 @@ from .outputs import check_parent, resolved, write_whole
 from .poses import write_poses
 from .rigs import write_handle, write_rig
 
-__all__ = [
-    "PARTIAL",
-    "PNG",
-    "add",
-    "begin",
-    "check_names",
-    "claim",
-    "finish",
-    "give_name",
-    "image_paths",
-    "partial_of",
-    "read_manifest",
-    "write_image",
-]
-
 PNG = [cv2.IMWRITE_PNG_COMPRESSION, 1, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 # filters take time
 STORED_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 0, cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_NONE]

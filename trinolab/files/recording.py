@@ -28,28 +28,6 @@ from .inputs import read_csv
 from .recorder import PARTIAL
 from .rigs import read_handle, read_rig
 
-__all__ = [
-    "VIDEO_SUFFIXES",
-    "Footage",
-    "Frames",
-    "Instant",
-    "Parts",
-    "Recording",
-    "find_footage",
-    "frames_named",
-    "frames_of",
-    "instants",
-    "list_instants",
-    "open_folder",
-    "open_footage",
-    "open_recording",
-    "open_video",
-    "parts_of_folder",
-    "read_instants",
-    "read_timestamps",
-    "some_instants",
-]
-
 LAST_FRAME = 2**53  # a pose file may have; a time in nanoseconds is no frame
 VIDEO_SUFFIXES = (".mkv", ".mp4", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg")
 

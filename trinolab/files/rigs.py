@@ -26,19 +26,6 @@ from . import limits
 from .inputs import get, read_toml
 from .outputs import write_together, write_whole
 
-__all__ = [
-    "covariance_path",
-    "covariance_text",
-    "handle_text",
-    "read_camera",
-    "read_covariance",
-    "read_handle",
-    "read_rig",
-    "rig_text",
-    "write_handle",
-    "write_rig",
-]
-
 NEAREST_MM = 1e-6  # of two cameras
 COVARIANCE_FORMAT = "trinolab rig covariance 1"
 

@@ -13,8 +13,6 @@ import numpy as np
 from .images import unheard
 from .kept import locked, removed_if_killed
 
-__all__ = ["Film", "PageVideo"]
-
 CUT_OFF = "cannot be written as a whole (is the disk full?)"
 
 

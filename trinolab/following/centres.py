@@ -26,8 +26,6 @@ from ..files.kept import KeptLines
 from ..files.recording import Recording, some_instants
 from ..handle import Handle
 
-__all__ = ["MAX_SLANT_DEG", "MAX_WAY_PX", "Motion", "measured_centres", "motion", "spread_out"]
-
 MAX_SLANT_DEG = 65.0  # beyond, the image model misplaces a marker's centre by more than its noise
 # Way of a marker while the shutter is open, up to which an instant counts as still. Beyond, errors of
 # a moving marker's centre are larger than its noise says, and alike in neighbouring frames.

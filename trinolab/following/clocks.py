@@ -21,8 +21,6 @@ from ..uncertainty.systematic import pixel_slopes
 from ..uncertainty.usual import known_covariance
 from .sync import Offsets, significant
 
-__all__ = ["late_lines", "shifts_mm", "widened"]
-
 # By how much a handle turns for a share of its distance that it is wrong by: 1 to 3 on simulated
 # recordings.
 TURN_BY_SHARE = 2.0

@@ -28,8 +28,6 @@ from ..identity.parameters import IdentityParameters
 from ..identity.reconcile import fit_with_offsets
 from ..uncertainty.systematic import contradicting, pixel_slopes
 
-__all__ = ["Drift", "Series", "find_drift", "image_offsets"]
-
 BLOCK = 5  # instants of which the middle one counts: a wrong marker does not last
 FEWEST = 4  # blocks on either side of a change
 SMALLEST_PX = 0.3  # shift; markers that are seen from another side make as much

@@ -36,20 +36,6 @@ from ..window import Window
 from .parameters import FollowParameters
 from .posefilter import Motion, is_new, update
 
-__all__ = [
-    "Expected",
-    "Followed",
-    "Guess",
-    "Sight",
-    "displacement",
-    "expect",
-    "follow",
-    "found_markers",
-    "look",
-    "may_be_blurred",
-]
-
-
 # of a pose that smeared markers agree on, mm and rad: seen by two cameras they tell little of the turn
 AGREED_COVARIANCE = np.diag(np.repeat([0.5, 0.1], 3) ** 2)
 

@@ -21,8 +21,6 @@ from ..handle import Handle
 from ..measurement import Measurement, measure
 from ..parameters import Parameters
 
-__all__ = ["likely_cause", "lost_lines"]
-
 log = logging.getLogger("trinolab")
 
 Images = Sequence[np.ndarray]

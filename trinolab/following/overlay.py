@@ -16,8 +16,6 @@ from ..metrics import euler_deg
 from ..window import Window
 from .posetracker import Tracked
 
-__all__ = ["STATUS_COLOURS", "camera_view", "inset", "picture"]
-
 WIDTH = 640  # of a camera's picture, px
 AXIS_MM = 25.0  # length of a drawn axis
 INSET_SHARE = 0.4  # of a picture's sides that the enlarged window may take

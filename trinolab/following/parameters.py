@@ -9,8 +9,6 @@ from ..methods import PAPER
 from ..parameters import Parameters
 from .posefilter import PoseFilterParameters
 
-__all__ = ["FollowParameters"]
-
 # What the checks of `FollowParameters` share, by the range that a field lies in.
 _POSITIVE = (
     "still_misfit",

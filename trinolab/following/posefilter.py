@@ -21,20 +21,6 @@ from .. import kalman
 from ..checks import Array, as_number, check_numbers, frozen
 from ..rigid import motion_between, shifted
 
-__all__ = [
-    "FADING_S",
-    "Motion",
-    "PoseFilterParameters",
-    "begin",
-    "is_new",
-    "model",
-    "nis",
-    "predict",
-    "restarted",
-    "transition",
-    "update",
-]
-
 FADING_S = 0.15  # time in which an acceleration fades
 H = np.eye(6, 18)  # the pose is observed, its rates are not (Eq. 12)
 

@@ -42,8 +42,6 @@ from .look import (
 from .parameters import FollowParameters
 from .posefilter import Motion, PoseFilterParameters
 
-__all__ = ["TrackState", "Tracked", "believable", "searched", "start", "step", "track_instants"]
-
 
 class TrackState(NamedTuple):
     """What is known after an instant.

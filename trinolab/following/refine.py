@@ -40,8 +40,6 @@ from .losses import lost_lines
 from .parameters import FollowParameters
 from .track import Job, Rows, content_of, fingerprint, known_poses, track_on
 
-__all__ = ["Refined", "refine_files", "refine_folder"]
-
 log = logging.getLogger("trinolab")
 
 FEWEST = 10  # instants; with fewer nearly all would come from what was known before

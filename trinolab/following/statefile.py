@@ -21,8 +21,6 @@ from ..checks import Array, as_array, as_number
 from .posefilter import Motion
 from .posetracker import TrackState
 
-__all__ = ["state_of", "text_of"]
-
 
 def text_of(state: TrackState, rig: Rig) -> str:
     """A state as one line of JSON; `rig` is the one that is tracked with."""

@@ -28,22 +28,6 @@ from scipy.interpolate import CubicSpline
 from ..camera import Camera, Rig, fundamental_matrix
 from ..checks import Array, as_array, as_number, frozen
 
-__all__ = [
-    "BEYOND",
-    "RESTING",
-    "UNSEEN",
-    "Delta",
-    "Offsets",
-    "Track",
-    "estimate_offsets",
-    "join",
-    "pair_delta",
-    "residuals",
-    "sampson",
-    "significant",
-    "tracks_of",
-]
-
 LARGEST_S = 0.2  # largest offset that is looked for
 GAP_S = 0.1  # longest gap over which a track is interpolated
 LEAST = 20  # smallest number of residuals for an offset

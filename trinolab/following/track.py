@@ -59,20 +59,6 @@ from .posetracker import TrackState
 from .statefile import state_of, text_of
 from .sync import Offsets, estimate_offsets
 
-__all__ = [
-    "Job",
-    "Rows",
-    "Seen",
-    "Watched",
-    "content_of",
-    "fingerprint",
-    "known_poses",
-    "stamp",
-    "track_files",
-    "track_folder",
-    "track_on",
-]
-
 log = logging.getLogger("trinolab")
 
 PARTIAL = ".partial"  # behind the name of a pose file that is not finished

@@ -20,8 +20,6 @@ from ..checks import Array
 from ..handle import Handle
 from .parameters import IdentityParameters
 
-__all__ = ["Stations", "keep_by_body"]
-
 # Where the intensity is sampled inside and outside of an edge, in radii from the axis.
 SAMPLES = np.array([[0.55, 0.7, 0.85], [1.25, 1.45, 1.65]])
 

@@ -20,20 +20,6 @@ from ..uncertainty.systematic import ImageOffsets
 from .layout import Layout, Views
 from .parameters import IdentityParameters
 
-__all__ = [
-    "FAR",
-    "Explained",
-    "Observed",
-    "Poses",
-    "Predicted",
-    "explain",
-    "fit",
-    "ideal_pixels",
-    "predict",
-    "slopes",
-    "weights",
-]
-
 # px; where a marker stands that was not found: near nothing.
 FAR = 1e9
 # chi-square of offsets of the cameras' images up to which the rig's covariance explains them: with

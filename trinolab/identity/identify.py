@@ -25,8 +25,6 @@ from .parameters import IdentityParameters
 from .scoring import judge, rivals, shape_misfit
 from .search import search
 
-__all__ = ["Hypothesis", "choose", "equivalents", "identify", "labelled_pixels", "relabel"]
-
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:

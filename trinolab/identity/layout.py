@@ -18,8 +18,6 @@ from ..handle import Handle
 from ..lens import distort
 from .parameters import IdentityParameters
 
-__all__ = ["Layout", "Views", "layout_of", "views_of"]
-
 
 class Layout(NamedTuple):
     """A handle's n markers.

@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike
 
 from ..checks import Array, as_array
 
-__all__ = ["three_point_depths"]
-
 
 @np.errstate(all="ignore")  # what has no solution shows in the result
 def three_point_depths(rays: ArrayLike, sides: ArrayLike, steps: int = 5) -> Array:

@@ -6,8 +6,6 @@ from dataclasses import dataclass
 
 from ..checks import as_number, as_whole
 
-__all__ = ["IdentityParameters"]
-
 # What the checks of `IdentityParameters` share, by the range that a field lies in.
 _POSITIVE = (
     "gate_px",

@@ -35,8 +35,6 @@ from .hypotheses import FAR, Poses, ideal_pixels, predict, slopes, weights
 from .layout import layout_of, views_of
 from .parameters import IdentityParameters
 
-__all__ = ["Offsets", "fit_with_offsets", "reconciled"]
-
 STEPS = 3  # Gauss-Newton
 HUBER = 3.0  # standard deviations beyond which a marker counts for less
 FEWEST_MARKERS = 2  # that a camera must show to contradict another

@@ -16,8 +16,6 @@ from ..checks import Array
 from .hypotheses import Explained, Observed, Poses, predict
 from .parameters import IdentityParameters
 
-__all__ = ["Verdict", "explains_all", "judge", "rivals", "shape_misfit"]
-
 
 class Verdict(NamedTuple):
     """What is to be said of h poses.

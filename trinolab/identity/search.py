@@ -21,8 +21,6 @@ from .p3p import three_point_depths
 from .parameters import IdentityParameters
 from .scoring import explains_all, judge
 
-__all__ = ["Candidates", "candidate_points", "pair_seeds", "rays_through", "search", "single_seeds"]
-
 
 class Candidates(NamedTuple):
     """Points of m pairs of found markers.

@@ -20,18 +20,6 @@ from ..rigid import placed
 if TYPE_CHECKING:
     import mujoco
 
-__all__ = [
-    "TOOL",
-    "Limits",
-    "Reading",
-    "Robot",
-    "Slave",
-    "forward",
-    "joint_values",
-    "load_robot",
-    "site_pose",
-]
-
 SPEED_RAD_S = np.pi  # 180 deg/s, the UR5's
 ACCELERATION_RAD_S2 = 10.0  # not published: an assumption
 TOOL = "tool"  # the site whose pose is commanded

@@ -21,19 +21,6 @@ from scipy.optimize import brentq
 
 from ..checks import Array, as_array, as_number, check_numbers, frozen
 
-__all__ = [
-    "SCHEMES",
-    "STEP_S",
-    "Run",
-    "Teleoperator",
-    "critical_delay",
-    "felt_impedance",
-    "grows",
-    "hybrid_matrix",
-    "simulate",
-    "simulated_critical_delay",
-]
-
 SCHEMES = ("position-position", "waves", "passivity control")
 STEP_S = 2e-4  # of the simulation
 GRID = 4000  # frequencies among which crossings are looked for

@@ -23,21 +23,6 @@ from ..checks import Array, check_numbers, frozen
 from ..rigid import apart, motion_between, quaternion, rotation_of, shifted
 from .arm import TOOL, Limits, Robot, site_pose
 
-__all__ = [
-    "DAMPING",
-    "MARGIN",
-    "TICK_S",
-    "Command",
-    "Inverse",
-    "Reference",
-    "ReferenceParameters",
-    "at_rest",
-    "leashed",
-    "speed_bounds",
-    "step",
-    "stopping_speed",
-]
-
 MARGIN = 0.7  # of the acceleration, that braking is planned with
 TICK_S = 0.002
 ORIENTATION_M = 0.3  # a radian counts as much as so many metres

@@ -22,8 +22,6 @@ from ..rigid import apart, motion_between, placed, rotation_matrix, rotation_of
 from . import oneeuro
 from .oneeuro import Filtered, OneEuroParameters
 
-__all__ = ["JUMP", "MappingParameters", "Origin", "Sample", "State", "alignment", "step"]
-
 FOLLOWED = ("measured", "ambiguous", "predicted")
 LOST = "pose lost"
 STALE = "pose stale"

@@ -16,8 +16,6 @@ from scipy.spatial.transform import RigidTransform
 from ..checks import Array, as_number, check_numbers, frozen
 from ..rigid import motion_between, shifted
 
-__all__ = ["Filtered", "OneEuroParameters", "begin", "lag_s", "low_pass_share", "step"]
-
 
 @dataclass(frozen=True)
 class OneEuroParameters:

@@ -21,8 +21,6 @@ from .arm import Reading, Robot, Slave
 from .control import Command, Inverse, Reference, ReferenceParameters
 from .mapping import MappingParameters, Sample, State
 
-__all__ = ["TOUCHED_N", "Event", "Log", "Moment", "Now", "Session", "Ticks", "changes"]
-
 TOUCHED_N = 1.0  # a force from which on the tool touches something
 LONGEST_S = 3.0  # of a gap between two samples; by then the arm rests
 

@@ -26,20 +26,6 @@ from scipy.optimize import brentq
 
 from ..checks import Array, as_array, as_number, check_numbers, frozen
 
-__all__ = [
-    "Contact",
-    "Limit",
-    "Loop",
-    "delayed_response",
-    "grows",
-    "nyquist_limit",
-    "passive_limit",
-    "sampled_response",
-    "sampling_period",
-    "simulate",
-    "simulated_limit",
-]
-
 Complex = NDArray[np.complex128]
 GRID = 4000  # frequencies among which the phase crossings are looked for
 SWINGS, MOST_STEPS = 60, 60_000  # of a simulation that is to tell growth from decay

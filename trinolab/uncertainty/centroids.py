@@ -42,17 +42,6 @@ from .contradiction import contradictions
 from .size import doubted, equally_seen, likely_size, what_tells
 from .systematic import Response, slopes_at, students_factor
 
-__all__ = [
-    "NOISE_PX",
-    "Bias",
-    "BiasCovariance",
-    "bias_covariance",
-    "centroid_bias",
-    "centroid_covariance",
-    "pulled_alike",
-    "same_column",
-]
-
 NOISE_PX = 0.015  # of a centroid, in each direction, where nothing says that it is more
 # The pull of the light by that of an angle of 45 deg, and of what a column mirrors alike: of diffuse
 # light it is little, of a lamp in a dark room more than 1. So it is known with one degree of freedom.

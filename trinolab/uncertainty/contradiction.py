@@ -53,8 +53,6 @@ from .systematic import (
 )
 from .usual import known_covariance
 
-__all__ = ["Contradictions", "Honest", "contradictions", "honest"]
-
 FREE = 1e-3  # share of an offset below which it does not show beside a pose
 # A pose is corrected in full where noise leaves as much within the images in one of ten instants, or
 # more often; by so much less as that is rarer. Where a shutter rolls, the handle's size is wrong, and

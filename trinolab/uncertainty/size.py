@@ -40,8 +40,6 @@ from .systematic import (
 )
 from .usual import CORNER_SHARE, IMAGE_PX, known_covariance, usual_covariance
 
-__all__ = ["Residuals", "doubted", "equally_seen", "likely_size", "settled", "what_tells"]
-
 # Sizes of a rig's covariance that are asked for their likelihood, by what is assumed.
 SIZES = frozen(np.geomspace(1e-5, 1e5, 101))
 NOISES = frozen(np.geomspace(1.0, 1e3, 25))  # and by how much the noise's variance is larger

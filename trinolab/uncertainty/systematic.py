@@ -24,27 +24,6 @@ from ..handle import Handle
 from ..rigid import cross_matrices
 from .usual import known_covariance, known_placement_mm, known_scale_share
 
-__all__ = [
-    "CHANCE",
-    "NOTHING",
-    "ImageOffsets",
-    "Response",
-    "contradict",
-    "contradicting",
-    "errors_by_rig",
-    "is_uncertain",
-    "known_errors",
-    "motion_slopes",
-    "offsets_at",
-    "offsets_of",
-    "pixel_slopes",
-    "response",
-    "slopes_at",
-    "students_factor",
-    "systematic_covariance",
-    "variance_of_few",
-]
-
 CHANCE = 0.01  # of a contradiction where there is none
 ONE_SIGMA = 0.841345  # share of a normal distribution below one standard deviation
 NOTHING = frozen(np.zeros((6, 6)))  # the systematic covariance of a pose where all is exact

@@ -38,19 +38,6 @@ from ..checks import Array, frozen
 from ..handle import Handle
 from ..rigid import cross_matrices
 
-__all__ = [
-    "CORNER_SHARE",
-    "FREEDOM",
-    "IMAGE_PX",
-    "PLACEMENT_MM",
-    "SCALE_SHARE",
-    "assumed",
-    "known_covariance",
-    "known_placement_mm",
-    "known_scale_share",
-    "usual_covariance",
-]
-
 IMAGE_PX = 0.25  # by which the image of the work volume is shifted each way, or more
 FREEDOM = 0.5  # how well that is known
 MIDDLE_HALF = frozen(

@@ -18,18 +18,6 @@ from numpy.typing import ArrayLike
 from ..camera import Camera, Rig
 from ..checks import Array, as_array, as_number, as_points, as_unit, frozen
 
-__all__ = [
-    "Cone",
-    "as_cones",
-    "chord",
-    "cone_surface",
-    "cones_of_rig",
-    "corners",
-    "half_angle",
-    "inside",
-    "paper_cones",
-]
-
 
 @dataclass(frozen=True, eq=False)
 class Cone:

@@ -20,17 +20,6 @@ from scipy.spatial import ConvexHull, HalfspaceIntersection
 from ..checks import Array
 from .cones import Cone
 
-__all__ = [
-    "FARTHEST",
-    "Turn",
-    "bounding_box",
-    "inscribed_ball",
-    "largest_ball",
-    "share_direction",
-    "spread",
-    "volume_and_centroid",
-]
-
 # For the ball and the box; lengths in units of the apexes' spread.
 FARTHEST = 1e6  # half side of the box around everything
 FIRST_PLANES = 24  # tangent planes a cone to begin with

@@ -23,16 +23,6 @@ from .extent import (
     volume_and_centroid,
 )
 
-__all__ = [
-    "Polyhedron",
-    "Workspace",
-    "intersect",
-    "is_unbounded",
-    "mesh_volume",
-    "surface_mesh",
-    "view_volume",
-]
-
 # radius of the inscribed ball, relative to the apexes' spread, that counts as none
 EMPTY_BELOW = 1e-9
 

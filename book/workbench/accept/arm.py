@@ -21,40 +21,6 @@ from ..studies.master_slave import run as run_trial
 from .numbers import SIMULATED, Answer, Number, Picture
 from .setup import Setup
 
-__all__ = [
-    "AWAY_MM",
-    "CORNERS_MM",
-    "CYCLES",
-    "DWELL_S",
-    "FEWEST",
-    "LEAD_S",
-    "MOVE_S",
-    "NAME",
-    "ROUNDS",
-    "SHAPES",
-    "SIDE_MM",
-    "SPEED_MM_S",
-    "STATIONS",
-    "TOGETHER",
-    "Attained",
-    "Noise",
-    "along",
-    "attained",
-    "crossings",
-    "cycles",
-    "five_poses",
-    "judge",
-    "length_of",
-    "off_path",
-    "parts",
-    "path_numbers",
-    "place_on",
-    "pose_numbers",
-    "run",
-    "stations",
-    "why_not",
-]
-
 NAME = "A7"
 TITLE = "The arm"
 CORNERS_MM = np.array([[0, 0, 0], [60, 60, 60], [-60, 60, 60], [-60, -60, -60], [60, -60, -60.0]])

@@ -20,8 +20,6 @@ from .numbers import LARGEST, OWN, Answer, Number, distribution, far_count, shar
 from .setup import CENTRE_MM, Setup
 from .tracks import FPS, TOGETHER, Row, Track
 
-__all__ = ["NAME", "before", "job_of", "judge", "judge_recording", "parts", "run"]
-
 NAME = "A6"
 TITLE = "Availability"
 SECONDS = 10.0  # of the script: all that it has

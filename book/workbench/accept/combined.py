@@ -30,8 +30,6 @@ from .numbers import Answer, Number, Picture, far_count, share
 from .setup import Setup, sobol_poses
 from .tracks import Row
 
-__all__ = ["NAME", "TITLE", "believed", "judge", "parts", "run"]
-
 NAME = "A0"
 TITLE = "Combined uncertainty with a calibration of your own"
 CALIBRATION_PX, CALIBRATION_DEG = 0.1, 0.005  # of each principal point and direction, an axis

@@ -28,8 +28,6 @@ from .size import POSES, check_chart
 from .tracks import Track, as_track, track_of_table
 from .work import RENDERED, TESTS, Found, Kept, Part, Source, do, setup_of
 
-__all__ = ["DEFAULT_NOISE", "KEPT", "Done", "accept", "as_lines", "made_from", "sheet_folder"]
-
 KEPT = "measured.jsonl"
 WORKERS = 2
 # A7 without a measurement at rest: of the standard rig

@@ -19,8 +19,6 @@ from ..studies.broken import covariance_of_such
 from .combined import CALIBRATION_DEG, CALIBRATION_PX, PLACEMENT_MM
 from .setup import field_of
 
-__all__ = ["FieldMap", "over_field", "pose_covariance"]
-
 CENTRE_PX = 0.03  # to which the middle of a marker is found
 MAX_SLANT_DEG = 65.0
 TURNS_DEG = (0.0, 15.0, 30.0, 45.0)  # of the handle about its axis; at 60 it looks the same

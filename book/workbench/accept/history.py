@@ -23,8 +23,6 @@ from ..plotting.datasheet import as_png, plot_control_chart
 from ..provenance import commit
 from .numbers import Number, Picture
 
-__all__ = ["CHARTED", "charts", "extend", "read_history", "rows_of"]
-
 # test, quantity, statistic, and a short name for the chart's axis
 CHARTED = (
     ("A1", "jitter, position", "rms", "jitter / mm"),

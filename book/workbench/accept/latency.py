@@ -21,8 +21,6 @@ from .numbers import CLOCK, LARGEST, Answer, Number, distribution, share
 from .setup import Setup, drawn_at
 from .tracks import FPS, Row
 
-__all__ = ["RATES_HZ", "Sine", "delay_of", "fit_sine", "held", "judge", "parts", "run", "sine"]
-
 NAME = "A5"
 TITLE = "Latency"
 RATES_HZ = (0.5, 1.0, 2.0)

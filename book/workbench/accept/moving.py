@@ -24,21 +24,6 @@ from .numbers import LARGEST, Answer, Number, Picture, distribution, far_count, 
 from .setup import Field, Setup, drawn_at
 from .tracks import FPS, TOGETHER, Row
 
-__all__ = [
-    "ENDS",
-    "SPEEDS_MM_S",
-    "Bar",
-    "Path",
-    "bar_of",
-    "bar_of_setup",
-    "ends_of",
-    "judge",
-    "parts",
-    "path_of",
-    "ranges",
-    "run",
-]
-
 NAME = "A3"
 TITLE = "Accuracy in motion: a virtual bar"
 BAR_MM = (300.0, 200.0, 150.0, 100.0, 50.0)  # the first that the field has room to move

@@ -22,20 +22,6 @@ from ..intervals import (
     rms,
 )
 
-__all__ = [
-    "CLOCK",
-    "LARGEST",
-    "OWN",
-    "SIMULATED",
-    "Answer",
-    "Number",
-    "Picture",
-    "as_table",
-    "distribution",
-    "far_count",
-    "share",
-]
-
 OWN = "own bench"  # images drawn by the model that is fitted
 SIMULATED = "simulated arm"
 CLOCK = "this computer's clock"

@@ -18,24 +18,6 @@ from .numbers import OWN, Answer, Number, distribution, share
 from .setup import Setup
 from .tracks import Row, Track
 
-__all__ = [
-    "CONE_DEG",
-    "NAME",
-    "PIVOT_DEG",
-    "PIVOT_MM",
-    "TIP_MM",
-    "TOGETHER",
-    "Pivot",
-    "Touches",
-    "calibrate_pivot",
-    "judge",
-    "judge_recording",
-    "parts",
-    "run",
-    "touches",
-    "touching",
-]
-
 NAME = "A4"
 TITLE = "A pointer's tip"
 TIP_MM = np.array([0.0, 100.0, 0.0])  # in the handle's frame, beyond the free end

@@ -26,8 +26,6 @@ from .numbers import Answer
 from .sheet import plain_row
 from .work import RENDERED, TESTS, Kept, Part, Source, do, setup_of
 
-__all__ = ["main", "measured_again", "renewed"]
-
 KEPT = Path("_build/renewed.jsonl")
 
 

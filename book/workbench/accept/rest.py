@@ -17,25 +17,6 @@ from .numbers import CLOCK, OWN, Answer, Number, Picture
 from .setup import Field, Setup, drawn_at
 from .tracks import Row, Track
 
-__all__ = [
-    "NAME",
-    "PLACES",
-    "REST_DEG",
-    "REST_MM",
-    "TITLE",
-    "Rest",
-    "at_rest",
-    "instants",
-    "jitter_of",
-    "judge",
-    "judge_tracks",
-    "parts",
-    "places",
-    "rest_of",
-    "run",
-    "time",
-]
-
 NAME = "A1"
 TITLE = "Jitter and drift at rest"
 PLACES = 9

@@ -23,17 +23,6 @@ from trinolab.workspace import view_volume
 
 from .size import POSES, checked_size
 
-__all__ = [
-    "CENTRE_MM",
-    "FREEDOMS",
-    "Drawn",
-    "Field",
-    "Setup",
-    "drawn_at",
-    "field_of",
-    "sobol_poses",
-]
-
 # a marker is at least so many times as large as the least that is found, where the field ends
 TIMES_THE_LEAST = 2.0
 TILT_DEG = (60.0, 120.0)  # of the handle's axis from the first camera's, as in the standard scene

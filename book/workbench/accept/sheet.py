@@ -23,32 +23,6 @@ from ..studies.second_renderer import side_by_side
 from ..studies.stress import by_fault
 from .numbers import LARGEST, OWN, Answer, Number, Picture, as_table
 
-__all__ = [
-    "AFTER",
-    "CRIME",
-    "GLANCE",
-    "NOT_APPLICABLE",
-    "NUMBERS",
-    "PAGE",
-    "RATED",
-    "SPEEDS_SHOWN",
-    "TABLE",
-    "Sheet",
-    "as_json",
-    "as_page",
-    "contents",
-    "digits",
-    "figure_html",
-    "glance",
-    "interval_text",
-    "numbers_table",
-    "plain_row",
-    "read_sheet",
-    "readable",
-    "shown",
-    "value_text",
-]
-
 FORMAT = 1
 PAGE, TABLE, NUMBERS = "index.html", "numbers.csv", "sheet.json"
 AFTER = (

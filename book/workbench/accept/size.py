@@ -9,8 +9,6 @@ from pathlib import Path
 
 from trinolab.checks import as_whole
 
-__all__ = ["POSES", "check_chart", "checked_size"]
-
 POSES = 512
 FEWEST_POSES, MOST_POSES = 8, 2**13
 

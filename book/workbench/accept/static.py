@@ -20,8 +20,6 @@ from .numbers import Answer, Number, Picture, distribution, far_count, share
 from .setup import FREEDOMS, Drawn, Setup, sobol_poses
 from .tracks import Row
 
-__all__ = ["TITLE", "TOGETHER", "explained", "judge", "parts", "run"]
-
 NAME = "A2"
 TITLE = "Static accuracy over the common field of view"
 TOGETHER = 4  # poses of a part

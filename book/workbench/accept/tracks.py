@@ -25,23 +25,6 @@ from trinolab.rigid import motion_between
 
 from .setup import Setup
 
-__all__ = [
-    "FPS",
-    "TOGETHER",
-    "Row",
-    "Track",
-    "as_track",
-    "errors",
-    "follow",
-    "instants",
-    "lengths",
-    "moving",
-    "resting",
-    "row_of",
-    "taken",
-    "track_of_table",
-]
-
 FPS = 30.0
 TOGETHER = 15  # instants that follow one another, half a second: their errors depend on each other
 FOUND = ("measured", "ambiguous")

@@ -21,8 +21,6 @@ from . import arm, availability, combined, latency, moving, pointer, rest, stati
 from .arm import Noise
 from .setup import Setup
 
-__all__ = ["RENDERED", "TESTS", "Found", "Kept", "Part", "Source", "do", "measured", "setup_of"]
-
 TESTS = {
     test.NAME: test
     for test in (combined, rest, static, moving, pointer, latency, availability, arm)

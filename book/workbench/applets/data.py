@@ -10,8 +10,6 @@ from typing import Any
 import cv2
 import numpy as np
 
-__all__ = ["DATA", "depth", "epipolar", "nextplace", "pairs", "threshold"]
-
 # nearly upright: an epipolar line of CCD3 passes through both markers of a column, one of CCD2 through a row
 UPRIGHT = ((0.0, 0.0, 560.0), (-1.0, 6.0, -8.0))  # mm; alpha, beta, gamma, deg
 CROP = (160, 200)  # px, width and height of the part of an image that the epipolar applet shows

@@ -11,8 +11,6 @@ from typing import Any
 from ..course.exercises import CHAPTERS, of_chapter
 from ..course.stubs import checked, stub
 
-__all__ = ["exercises_of", "with_exercises"]
-
 
 def exercises_of(chapter: Path) -> list[dict[str, Any]]:
     """The exercises of a chapter as the page's script takes them; none of a study."""

@@ -18,8 +18,6 @@ from typing import NamedTuple
 
 from ..pages.build import BUILD
 
-__all__ = ["PIECES", "Piece", "fetch", "is_fetched", "path_of"]
-
 CACHE = BUILD / "runtime"
 
 

@@ -31,22 +31,6 @@ from ..pages.browser import Browser
 from ..pages.build import BUILD, ROOT, chapters, result_of
 from ..sweep.notebook import glued, read_notebook
 
-__all__ = [
-    "APART",
-    "SPREAD",
-    "TABLE",
-    "Ran",
-    "agrees",
-    "compared",
-    "main",
-    "of_chapter",
-    "page_of",
-    "run_chapter",
-    "serving",
-    "wait_until_idle",
-    "why_apart",
-]
-
 SITE = BUILD / "browser"
 TABLE = ROOT / "data" / "browser_numbers.csv"
 SPREAD = 1e-3  # of a number, as a share: other libraries draw, sort and converge otherwise

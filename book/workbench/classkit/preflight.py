@@ -39,17 +39,6 @@ from . import criteria
 from .criteria import NOT_MEASURED, NOT_USABLE, of_cameras, overall, row
 from .seen import Seen
 
-__all__ = [
-    "Clip",
-    "as_lines",
-    "cost_mm",
-    "look",
-    "of_rig",
-    "place_of_handle",
-    "preflight",
-    "rows_of",
-]
-
 MOST_INSTANTS = 300
 FEWEST = 5  # instants with a pose that tell something
 FARTHEST = 10.0  # baselines to the place at which axes meet

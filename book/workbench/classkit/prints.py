@@ -18,8 +18,6 @@ from trinolab.checks import Array
 
 from .shapes import Area, Disc, Frame, Line, Page, Shape, Words
 
-__all__ = ["as_pdf"]
-
 MM_PER_INCH = 25.4
 
 

@@ -26,8 +26,6 @@ from trinolab.markers import MarkerParameters, find_markers
 if TYPE_CHECKING:
     from trinolab.following.posetracker import Tracked
 
-__all__ = ["Exposure", "Seen", "Spot", "spot_at", "steepness"]
-
 WHITE = 250  # grey from which on a pixel may be cut off
 LOOSE = MarkerParameters(diameter_px=(2.0, 200.0), min_contrast=10.0)
 MOST_UNTRACKED = 20  # instants in which spots are looked for without a pose

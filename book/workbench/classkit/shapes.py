@@ -11,8 +11,6 @@ from typing import NamedTuple
 
 from trinolab.checks import Array
 
-__all__ = ["Area", "Disc", "Frame", "Line", "Page", "Shape", "Words"]
-
 
 class Area(NamedTuple):
     """Rectangles of one grey, (n, 4): left, bottom, width and height, mm. What they cover together

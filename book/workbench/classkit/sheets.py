@@ -14,17 +14,6 @@ from trinolab.checks import Array
 from .shapes import Area, Disc, Frame, Line, Page, Shape, Words
 from .wrap import TAB_MM, Wrap
 
-__all__ = [
-    "EDGE_MM",
-    "PAPERS",
-    "bar",
-    "board_target",
-    "foot",
-    "page_of_bars",
-    "page_of_board",
-    "page_of_wrap",
-]
-
 PAPERS = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}  # mm
 EDGE_MM = 10.0  # which no printer reaches
 BAR_MM = 100.0

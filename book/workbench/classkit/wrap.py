@@ -16,8 +16,6 @@ import numpy as np
 from trinolab.checks import Array, as_number, frozen
 from trinolab.handle import Handle
 
-__all__ = ["PAPER_MM", "TAB_MM", "Wrap", "unrolled", "wrapped"]
-
 PAPER_MM = 0.1  # of a sheet of 80 g/m^2
 SKIRT_MM = 15.0  # of ground beyond the outermost markers, if the body is that long
 CLEAR_MM = 2.0  # from a marker to a tab, which lifts the paper by its thickness

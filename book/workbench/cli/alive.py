@@ -16,8 +16,6 @@ from contextlib import contextmanager
 from threading import Event, Thread
 from typing import Any
 
-__all__ = ["Quiet", "hush", "shown", "watched"]
-
 QUIET_S = 2.0  # without a sign of life, that a person takes for a command that hangs
 TICK_S = 0.5
 _STEERING = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")  # all but tabs and the ends of lines

@@ -13,8 +13,6 @@ from typing import Any, NoReturn
 from trinolab import __version__
 from trinolab.methods import DEFAULT, METHODS
 
-__all__ = ["parser"]
-
 
 class _Parser(argparse.ArgumentParser):
     """Answers a wrong argument with one line, and leaves the lines of an example as they are."""

@@ -32,8 +32,6 @@ from trinolab.pose import Pose
 from trinolab.uncertainty.systematic import is_uncertain
 from trinolab.uncertainty.usual import assumed
 
-__all__ = ["measure_folder", "measure_recording"]
-
 log = logging.getLogger("trinolab")
 
 

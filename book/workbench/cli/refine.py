@@ -10,8 +10,6 @@ from trinolab.calibration.bundle import Q
 from trinolab.camera import CAMERA_PARAMETERS, difference
 from trinolab.following.refine import Refined
 
-__all__ = ["as_lines", "scale", "view_lines"]
-
 _MOST_VIEWS = 10  # that are printed; all of them are in the table
 
 

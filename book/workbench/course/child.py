@@ -25,17 +25,6 @@ import numpy as np
 
 from .plain import plain
 
-__all__ = [
-    "BEING_CHECKED",
-    "Call",
-    "Request",
-    "Work",
-    "executed",
-    "main",
-    "outcome",
-    "plain_value",
-]
-
 # Set while a file is checked as a whole: the checks in it need not be made then.
 BEING_CHECKED = "TRINOLAB_BEING_CHECKED"
 

@@ -22,8 +22,6 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-__all__ = ["MEMORY", "confine", "main"]
-
 MEMORY = 2 * 2**30  # bytes that a process may hold
 ADDRESSES = 8 * 2**30  # bytes that it may map, what it only reserves with them
 FILE = 64 * 2**20  # bytes of a file that it writes

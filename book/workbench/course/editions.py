@@ -28,19 +28,6 @@ from .plan import planned
 from .stubs import checked, solved, stub
 from .texts import HINTS, KIND_OF, ExerciseText, texts_of, without_solutions
 
-__all__ = [
-    "chapter_file",
-    "chapter_notebook",
-    "edition_files",
-    "entry_of",
-    "exercise_notebook",
-    "exercises_of",
-    "main",
-    "numbers_of",
-    "self_contained",
-    "write_edition",
-]
-
 EDITIONS = ("student", "teacher")
 CHECKOUT = Path(__file__).resolve().parents[3]
 LAB = "trinolab-numbers"  # the extension of JupyterLab that shows the numbers in the text

@@ -18,8 +18,6 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from trinolab.files.outputs import write_whole
 
-__all__ = ["answers", "draw", "exam", "main", "number"]
-
 # A problem's numbers: one row is a version of it.
 POINTS = [(30, -20, 600, 120), (45, 15, 750, 150), (-40, 25, 500, 100), (60, -30, 800, 160)]
 CONES = [

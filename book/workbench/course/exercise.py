@@ -13,16 +13,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = [
-    "KINDS",
-    "Asked",
-    "Exercise",
-    "FunctionExercise",
-    "FunctionExerciseMaker",
-    "Mistake",
-    "ValueExercise",
-]
-
 WITHIN = 1e-6  # a part in a million: single precision is enough
 KINDS = ("pencil", "write", "predict", "project", "repair", "recording", "design")
 """What is done: by hand; a function; a guess and a run; half a page; a function that is broken; numbers

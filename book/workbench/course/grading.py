@@ -26,8 +26,6 @@ from .plain import (
 )
 from .predictions import is_predicted, keep_guess
 
-__all__ = ["Verdict", "call_of", "check", "judge_outcomes", "judge_values"]
-
 SEED = 0  # of the cases
 
 

@@ -11,19 +11,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-__all__ = [
-    "MOST_NUMBERS",
-    "checked_plain",
-    "described",
-    "equal",
-    "is_array",
-    "plain",
-    "printable",
-    "same_form",
-    "shown",
-    "wrong_numbers",
-]
-
 MOST_NUMBERS = 1_000_000
 MOST_LETTERS = 1_000  # of what is said of an answer
 MOST_SHOWN = 12  # numbers of an array: a camera's matrix of 3 x 4 is shown whole

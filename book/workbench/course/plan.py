@@ -10,8 +10,6 @@ from trinolab.files.inputs import get, read_toml
 
 from .exercises import CHAPTERS, of_chapter
 
-__all__ = ["Planned", "objectives", "planned"]
-
 
 @dataclass(frozen=True)
 class Planned:

@@ -18,8 +18,6 @@ from trinolab.files.outputs import write_whole
 
 from .exercise import Exercise, ValueExercise
 
-__all__ = ["KEPT", "first_guesses", "is_predicted", "keep_guess"]
-
 KEPT = "predictions.json"
 LARGEST = 100_000  # bytes
 

@@ -31,8 +31,6 @@ from .child import BEING_CHECKED, Call, Request, Work, outcome
 from .confined import MEMORY
 from .plain import checked_plain
 
-__all__ = ["ENOUGH_S", "Found", "how", "run_file", "run_given"]
-
 CPU_S = 10.0  # a function, in all its cases
 CELLS_S = 300.0  # a file: it may be a whole chapter, with the chapter's own cells
 # A function, in all its cases, that waits and does not compute: a busy machine needs a multiple of a

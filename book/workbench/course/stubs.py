@@ -11,8 +11,6 @@ from functools import cache
 
 from .exercise import Asked, Exercise, FunctionExercise, ValueExercise
 
-__all__ = ["body_of", "checked", "head_of", "solved", "stub"]
-
 WIDTH = 88  # of the code in a notebook
 
 

@@ -31,18 +31,6 @@ from .predictions import KEPT as PREDICTIONS
 from .predictions import first_guesses
 from .running import Found, run_file
 
-__all__ = [
-    "Submission",
-    "as_text",
-    "cells_of",
-    "check_class",
-    "check_file",
-    "file_of",
-    "handed_in",
-    "is_line",
-    "verdict_of",
-]
-
 KEPT = ".checked.jsonl"  # in the class's folder: what is already checked
 LARGEST = 20 * 2**20  # bytes of a file that is read
 # Canvas' name of a file: the student's, late or not, numbers of the student and of what was handed in

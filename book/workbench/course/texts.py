@@ -27,16 +27,6 @@ from typing import Any, NamedTuple
 
 from ..sweep.notebook import read_notebook
 
-__all__ = [
-    "HINTS",
-    "Block",
-    "ExerciseText",
-    "blocks",
-    "read_texts",
-    "texts_of",
-    "without_solutions",
-]
-
 # how a title begins, and the kind that it names
 KIND_OF = {
     "Pencil": "pencil",

@@ -10,8 +10,6 @@ from trinolab.files.inputs import get, read_toml
 
 from .exercise import Asked, Mistake, ValueExercise
 
-__all__ = ["read_values"]
-
 
 def read_values(path: Path) -> tuple[ValueExercise, ...]:
     """The exercises of a file, in its order.

@@ -32,8 +32,6 @@ from .pointing import Pointing
 from .recording import Recorder
 from .sources import Source
 
-__all__ = ["chosen", "live", "show"]
-
 TICK_S = 0.008  # from one command to the arm to the next: 125 a second, as a UR5 takes them
 LONGEST_S = 0.25  # that the arm catches up, or a busy computer would fall behind ever more
 SIMULATED_STALE_S = 1.0  # a busy computer draws few images a second, and no hand is in danger

@@ -11,8 +11,6 @@ import numpy as np
 from ..teleop.operators import least_jerk
 from .pointing import GO, MARK_MM, TARGET, Doing
 
-__all__ = ["NAME", "Act", "Demonstration", "Seen"]
-
 NAME = "demonstration"  # in the place of an operator's
 FIRST_S, PAUSE_S = 0.3, 4.0  # before the first run, and between two, when the result is read
 HOME_S = 0.8  # the hand is in the middle by then

@@ -34,8 +34,6 @@ from .settings import PAPER, POSE, Values
 from .solids import arm_points, body_poses
 from .sources import Latest, Source
 
-__all__ = ["NO_FRAME_S", "SILENCE_S", "WAIT_S", "Loop", "Shown", "Stages", "between"]
-
 WAIT_S = 0.1  # for a new frame; then the page is told all the same
 NO_FRAME_S = 0.3  # without one the arm holds; the mapping takes a pose that is older for stale
 SILENCE_S = 1.0  # of the page, after which its clutch is open

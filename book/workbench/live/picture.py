@@ -24,8 +24,6 @@ from .pointing import Doing
 from .settings import SLIDERS
 from .solids import shapes
 
-__all__ = ["ellipsoid", "message", "scene"]
-
 WIDTH, QUALITY = 480, 80  # of a camera's picture, px, and of its JPEG
 FIELD_MM = 620.0  # to which a camera's field of view is drawn
 ELLIPSOID = math.sqrt(chdtri(3, 0.05))  # standard deviations that hold 95 % of three normal numbers

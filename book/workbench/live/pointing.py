@@ -21,8 +21,6 @@ from trinolab.checks import Array, as_points, as_whole
 from ..teleop.pointing import COLUMNS, Performance, conditions, performance, read_log, write_log
 from .settings import Values
 
-__all__ = ["GO", "MARK", "RESTS_S", "TARGET", "Doing", "Pointing", "in_words"]
-
 MARK_MM = 5.0  # so near the tool must be to the mark
 RESTS_S = 0.5  # so long
 MOST_REPEATS = 10  # of each target

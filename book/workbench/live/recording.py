@@ -21,8 +21,6 @@ from trinolab.files.devices import Taken
 from trinolab.files.kept import KeptLines
 from trinolab.handle import Handle
 
-__all__ = ["CLUTCH", "TIMES", "Recorder"]
-
 TIMES, CLUTCH = "timestamps.csv", "clutch.csv"
 
 

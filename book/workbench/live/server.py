@@ -27,8 +27,6 @@ from tornado.websocket import WebSocketClosedError, WebSocketHandler
 from .loop import Loop, Shown
 from .picture import message, scene
 
-__all__ = ["FILES", "MOST_MM", "PAGE", "Desk", "Socket", "move_hand", "obey", "serve"]
-
 PAGE = Path(__file__).parent / "page"
 FILES = {
     "": ("index.html", "text/html"),

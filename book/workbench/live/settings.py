@@ -13,18 +13,6 @@ from trinolab.following.parameters import FollowParameters
 from trinolab.matching import MatchParameters
 from trinolab.slave.mapping import MappingParameters
 
-__all__ = [
-    "PAPER",
-    "POSE",
-    "SLIDERS",
-    "Slider",
-    "Values",
-    "checked",
-    "defaults",
-    "follow_parameters",
-    "mapping_parameters",
-]
-
 POSE, PAPER = "pose", "paper"  # which tracker follows the handle
 
 

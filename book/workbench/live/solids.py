@@ -15,8 +15,6 @@ from ..teleop.view import geom_colour, visible_geoms
 if TYPE_CHECKING:
     import mujoco
 
-__all__ = ["arm_points", "body_poses", "shapes"]
-
 MM = 1000.0  # of a metre
 PLANE_MM = 1.0  # half as thick is a plane drawn
 ENDLESS_MM = 2000.0  # and half as wide, where it has no end

@@ -31,20 +31,6 @@ from trinolab.files.devices import fetched, open_source
 from trinolab.files.recording import Recording, instants
 from trinolab.handle import Handle
 
-__all__ = [
-    "HOME",
-    "QUICK",
-    "RANGES_MM",
-    "Feed",
-    "Latest",
-    "SimulatedHand",
-    "Source",
-    "as_bytes",
-    "of_bench",
-    "of_cameras",
-    "of_recording",
-]
-
 FROZEN_S = 0.5  # without a new image, or with the same one, a camera is said to have stopped
 RETRY_S = 1.0
 ENDS_S = 5.0  # a camera that delivers nothing may keep its thread longer

@@ -15,8 +15,6 @@ from docutils import nodes
 from ..applets import applet_html
 from ..sweep.notebook import read_parameters
 
-__all__ = ["put_applets", "setup"]
-
 CALL = re.compile(r'^show_applet\(\s*"(\w+)"', flags=re.MULTILINE)
 BEFORE_THE_CARD = (
     400  # Sphinx calls what has no number of its own, as `workbench.pages.howmade`, at 500

@@ -39,18 +39,6 @@ from .claims_pages import (
 )
 from .report_pages import untestable
 
-__all__ = [
-    "FIGURES",
-    "NEEDED",
-    "ROOT",
-    "TEMPLATE",
-    "article",
-    "checked",
-    "claims_table",
-    "values",
-    "write_pages",
-]
-
 ROOT = Path(__file__).resolve().parents[3]
 TEMPLATE = "article.md.j2"
 RIG, HANDLE, ROW = "raised_40deg", "paper", 5  # of the picture of the rig; a row of Table 1

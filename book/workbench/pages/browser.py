@@ -19,8 +19,6 @@ from typing import Any
 
 import websocket
 
-__all__ = ["AT_ONCE", "CHROMIUM", "Browser"]
-
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )

@@ -16,29 +16,6 @@ from ..cli import digits
 from ..studies.protocol import Claim, can_show, load_claims, load_deviations, load_trials
 from ..studies.scoreboard import essential_rows
 
-__all__ = [
-    "IS_OF_THE_PAPER",
-    "VERDICTS",
-    "answer",
-    "board_table",
-    "claim_link",
-    "criteria_table",
-    "deviations_list",
-    "escaped",
-    "essential_table",
-    "in_words",
-    "list_table",
-    "numbers_of",
-    "placed",
-    "read_board",
-    "sample_of",
-    "sampled",
-    "trials_table",
-    "value_of",
-    "word",
-    "write_pages",
-]
-
 VERDICTS = ("match", "differs", "undecided", "cannot be tested")
 IS_OF_THE_PAPER = ("re-computation", "replication as printed", "replication as corrected")
 

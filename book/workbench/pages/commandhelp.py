@@ -20,8 +20,6 @@ from trinolab.files import limits
 from ..bagreader import FILE_RATIO, METADATA_BYTES
 from ..cli import main
 
-__all__ = ["COLUMNS", "help_text", "limits_table", "names", "write_help"]
-
 GENERATED = Path(__file__).resolve().parents[3] / "_build" / "generated" / "commands"
 COLUMNS = "84"  # the help is as wide as a box of code on the page
 

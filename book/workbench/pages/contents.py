@@ -6,8 +6,6 @@ from pathlib import Path
 
 import yaml
 
-__all__ = ["pages"]
-
 
 def pages(root: Path) -> list[str]:
     """The pages that ``_toc.yml`` names, in its order, without their endings."""

@@ -19,18 +19,6 @@ from ..course.texts import ExerciseText
 from ..sweep.notebook import read_notebook
 from .claims_pages import escaped, list_table
 
-__all__ = [
-    "chapters_table",
-    "designs_table",
-    "exercises_list",
-    "measured_minutes",
-    "mistakes",
-    "objectives_table",
-    "projects_table",
-    "reading_minutes",
-    "write_pages",
-]
-
 WORDS_A_MINUTE = 130  # of a text with formulas
 LINES_A_MINUTE = 12  # of code: five seconds a line
 FOLDED = {"hide-input", "hide-cell", "remove-input", "remove-cell"}

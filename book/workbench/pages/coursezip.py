@@ -19,8 +19,6 @@ from .dist import LEFT_OUT, write_wheel
 from .slides import write_all_slides
 from .studentbook import STUDENT_HTML, build_student_book
 
-__all__ = ["main", "write_zip"]
-
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Write the zip of an edition and return the exit code: 2 for a mistake in the input."""

@@ -19,8 +19,6 @@ from trinolab.files.outputs import write_whole
 from ..provenance import commit
 from .report_pages import ROOT, sha256
 
-__all__ = ["PAGES", "PAPER", "metadata", "write_crate"]
-
 # of RO-Crate, and the one term of schema.org that it does not have
 CONTEXT = ["https://w3id.org/ro/crate/1.1/context", {"sha256": "https://schema.org/sha256"}]
 PAPER = "http://www.naturalspublishing.com/Article.asp?ArtcID=8106"

@@ -14,8 +14,6 @@ import zipfile
 from importlib.metadata import version
 from pathlib import Path
 
-__all__ = ["HTML", "ROOT", "main", "write_wheel", "write_zip"]
-
 ROOT = Path(__file__).resolve().parents[3]
 HTML = ROOT / "_build" / "html"
 DIST = ROOT / "_build" / "dist"

@@ -22,8 +22,6 @@ from trinolab.files.outputs import write_table
 
 from .contents import pages
 
-__all__ = ["HTML", "ROOT", "Picture", "content", "main", "pictures", "write_figures"]
-
 ROOT = Path(__file__).resolve().parents[3]
 HTML = ROOT / "_build" / "html"
 FIGURES = ROOT / "_build" / "figures"

@@ -9,8 +9,6 @@ from docutils import nodes
 from docutils.parsers.rst.directives.admonitions import BaseAdmonition
 from sphinx.application import Sphinx
 
-__all__ = ["TitledHint", "setup"]
-
 
 class TitledHint(BaseAdmonition):
     """``{hint} First hint to 4.2``: a note of the class ``hint`` with this title."""

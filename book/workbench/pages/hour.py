@@ -18,8 +18,6 @@ from trinolab.files.outputs import write_together
 
 from ..sweep.notebook import glued, read_notebook
 
-__all__ = ["TEMPLATE", "Picture", "Quoted", "read_chapters", "text_and_pictures", "write_pages"]
-
 TEMPLATE = "hour.md.j2"
 
 

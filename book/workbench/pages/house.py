@@ -21,8 +21,6 @@ from ..plotting import COLOURS
 from ..plotting.basics import subplots
 from .reference import first_line
 
-__all__ = ["TOGETHER", "draw_house", "floors", "is_folder", "rooms", "table_text", "write_house"]
-
 ROOT = Path(__file__).resolve().parents[3]
 GENERATED = ROOT / "_build" / "generated" / "api"
 TOGETHER = {"trinolab.datasets": "trinolab.files"}  # they import each other's modules, in no circle

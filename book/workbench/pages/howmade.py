@@ -23,23 +23,6 @@ from myst_nb.ext.glue.roles import PasteTextRole
 from ..provenance import commit
 from .tablesread import command_for, tables_read
 
-__all__ = [
-    "HASHED",
-    "Cell",
-    "Chapter",
-    "GluedNumber",
-    "card",
-    "commit_said",
-    "foot",
-    "is_code",
-    "link_to",
-    "place_of",
-    "put_card",
-    "put_foot",
-    "read_chapter",
-    "setup",
-]
-
 ROOT = Path(__file__).resolve().parents[3]
 BUILD = ROOT / "_build"
 SHOWN = 12  # digits of a hash

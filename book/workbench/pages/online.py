@@ -11,8 +11,6 @@ from urllib.parse import quote
 
 from trinolab.files.outputs import write_whole
 
-__all__ = ["links", "write_page"]
-
 ROOT = Path(__file__).resolve().parents[3]
 LAB = "HEAD?urlpath=lab/tree/notebooks"
 

@@ -34,8 +34,6 @@ from .browser import AT_ONCE, CHROMIUM, Browser
 from .contents import pages
 from .figures import HTML, ROOT
 
-__all__ = ["Printed", "faults", "join", "main", "print_pages"]
-
 PDF = ROOT / "_build" / "trinolab.pdf"
 A4_INCHES = (8.27, 11.69)
 MARGIN_INCHES = 0.7

@@ -30,27 +30,6 @@ import workbench
 from ..imports import PACKAGES
 from ..paper import ledger
 
-__all__ = [
-    "BY_MODULE",
-    "NOT_SHOWN",
-    "TOP",
-    "Entry",
-    "contents_text",
-    "entries_of",
-    "face_text",
-    "first_line",
-    "folders",
-    "full_name",
-    "known_names",
-    "modules_of",
-    "names_used",
-    "page_text",
-    "pages",
-    "setup",
-    "spans",
-    "write_pages",
-]
-
 ROOT = Path(__file__).resolve().parents[3]
 GENERATED = ROOT / "_build" / "generated" / "api"
 

@@ -26,30 +26,6 @@ from ..studies.protocol import load_trials
 from .claims_pages import IS_OF_THE_PAPER, VERDICTS, claim_link, list_table, read_board
 from .howmade import commit_said
 
-__all__ = [
-    "NOT_VARIED",
-    "ROOT",
-    "after_holm",
-    "answer",
-    "by_chance",
-    "change_text",
-    "conclusion",
-    "environment",
-    "headline",
-    "is_shown",
-    "kinds",
-    "number",
-    "processor",
-    "quantity",
-    "sensitivity",
-    "sha256",
-    "short",
-    "signed",
-    "tested",
-    "untestable",
-    "write_pages",
-]
-
 ROOT = Path(__file__).resolve().parents[3]
 
 # The sentence that answers: what each part needs of the board, and the part. A board that says

@@ -27,17 +27,6 @@ from ..course.exercises import CHAPTERS
 from .build import BUILD, HTML, ROOT
 from .figures import content, pictures
 
-__all__ = [
-    "SLIDES",
-    "SOURCES",
-    "Slide",
-    "figures_of",
-    "main",
-    "read_slides",
-    "write_all_slides",
-    "write_slides",
-]
-
 SOURCES = ROOT / "book" / "teaching" / "slides"
 SLIDES = BUILD / "slides"
 # draws formulas as pictures: a font that no slide has shown yet would be missing where it is printed

@@ -23,17 +23,6 @@ from ..course.texts import without_solutions
 from ..sweep.notebook import read_notebook
 from .build import BUILD, BUILD_COMMAND, CACHE, GENERATED, HTML, INDEX, ROOT, chapters
 
-__all__ = [
-    "STUDENT",
-    "STUDENT_HTML",
-    "build_student_book",
-    "contents",
-    "main",
-    "setup",
-    "without_their_solutions",
-    "write_sources",
-]
-
 STUDENT = BUILD / "student"
 STUDENT_HTML = STUDENT / "_build" / "html"
 TEACHING = "book/teaching/"

@@ -8,8 +8,6 @@ from pathlib import Path
 
 from ..studies.__main__ import MAKES
 
-__all__ = ["command_for", "tables_read"]
-
 ROOT = Path(__file__).resolve().parents[3]
 # the functions that read a table by its name -> the folder that it is in, below `data`
 LOADERS = {"load_sweep": "sweeps", "gallery.load": "sweeps/gallery"}

@@ -15,19 +15,6 @@ import numpy as np
 from trinolab.datasets import data_path
 from trinolab.files.inputs import get, read_toml
 
-__all__ = [
-    "PARTS",
-    "Effect",
-    "Entry",
-    "effect_item",
-    "equations_named",
-    "errata_page",
-    "index_page",
-    "load_ledger",
-    "number_text",
-    "write_pages",
-]
-
 ROUNDING = 2e-5  # of all quantities of the errata; none of them is meant to be so small
 STATUSES = ("as printed", "misprint", "ambiguous")
 # a status -> the title of its part of the errata, and what stands there

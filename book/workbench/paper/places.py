@@ -12,8 +12,6 @@ import trinolab
 
 from .ledger import Entry, load_ledger
 
-__all__ = ["equation", "list_lines", "place_lines"]
-
 
 def equation(number: int) -> Entry:
     """The ledger's entry of an equation. ValueError if the paper has none of that number."""

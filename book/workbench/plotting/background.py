@@ -17,8 +17,6 @@ from trinolab.checks import as_array
 
 from .basics import COLOURS, row_of_panels, subplots
 
-__all__ = ["plot_pixel_histories", "plot_shares", "plot_verdicts", "show_table"]
-
 VERDICTS = {"background": "white", "found": "silver", "false": "#D55E00", "missed": "#0072B2"}
 
 

@@ -15,17 +15,6 @@ from numpy.typing import ArrayLike
 from trinolab.checks import Array, as_image, as_points
 from trinolab.workspace.cones import Cone
 
-__all__ = [
-    "COLOURS",
-    "plot_curves",
-    "plot_pose_errors",
-    "row_of_panels",
-    "show_frames",
-    "show_image",
-    "subplots",
-    "write_drawing",
-]
-
 STYLE = Path(__file__).with_name("trinolab.mplstyle")
 # one a camera, or one a spot
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00", "#F0E442", "#CC79A7")

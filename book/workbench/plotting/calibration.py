@@ -19,14 +19,6 @@ from trinolab.checks import as_array, as_points
 from .basics import COLOURS, row_of_panels, subplots
 from .pose import FRAME_COLOURS, draw_frame, oblique
 
-__all__ = [
-    "plot_boards",
-    "plot_chi_square",
-    "plot_grids",
-    "plot_relative_errors",
-    "plot_with_intervals",
-]
-
 
 def plot_boards(rig: Rig, outline: ArrayLike, T_world_board: RigidTransform) -> Figure:
     """The cameras' frames, a flat target at each of its positions, and the ways of Eq. 25.

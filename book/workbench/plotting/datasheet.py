@@ -21,18 +21,6 @@ from trinolab.checks import as_array, as_points
 
 from .basics import COLOURS
 
-__all__ = [
-    "as_png",
-    "plot_against",
-    "plot_allan",
-    "plot_control_chart",
-    "plot_error_map",
-    "plot_explained",
-    "plot_over_speed",
-    "plot_path",
-    "plot_uncertainty_map",
-]
-
 WIDTH_IN = 3.75  # 360 px of a page
 _LEAST = 1e-9  # that a logarithmic axis shows
 _SIZES: Any = {"font.size": 9, "axes.titlesize": 9, "axes.labelsize": 9, "legend.fontsize": 9}

@@ -27,17 +27,6 @@ if TYPE_CHECKING:
     from trinolab.calibration.adjust import Calibrated
     from trinolab.calibration.views import TargetViews
 
-__all__ = [
-    "picture_of_residuals",
-    "plot_by_slant",
-    "plot_calibration_error",
-    "plot_elevation",
-    "plot_estimators",
-    "plot_factor",
-    "plot_residuals",
-    "plot_shifts",
-]
-
 SHIPPED_DEG = {"raised_40deg": 40.0, "paper_trinocular": 90.0}
 _STYLES = ("o-", "s--", "D-.", "^:", "v-")
 _MARKERS = "osD^vPXh"

@@ -19,15 +19,6 @@ from trinolab.window import Window
 from .basics import COLOURS, show_image, subplots
 from .markers import outline
 
-__all__ = [
-    "plot_beliefs",
-    "plot_learning",
-    "plot_nis",
-    "plot_normals",
-    "plot_prediction",
-    "plot_tracks",
-]
-
 MARGIN_PX = 40  # of the image around the search window
 
 

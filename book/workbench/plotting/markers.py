@@ -17,15 +17,6 @@ from trinolab.window import Window
 
 from .basics import COLOURS, show_image, subplots
 
-__all__ = [
-    "mark_window",
-    "outline",
-    "plot_following",
-    "plot_over_slant",
-    "plot_rod_section",
-    "plot_thresholds",
-]
-
 MARGIN_PX = 150
 
 

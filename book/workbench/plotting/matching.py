@@ -16,8 +16,6 @@ from trinolab.checks import Array, as_array, as_points
 
 from .basics import COLOURS, subplots
 
-__all__ = ["plot_epipolar_plane", "plot_windows"]
-
 PLANE_MM = 180.0  # distance from a camera's centre at which its image is drawn
 
 

@@ -9,8 +9,6 @@ from matplotlib.figure import Figure
 
 from .basics import COLOURS, row_of_panels
 
-__all__ = ["plot_pointing"]
-
 PANELS = {
     "throughput_bit_s": "throughput / bit/s",
     "movement_s": "movement time / s",

@@ -15,8 +15,6 @@ from trinolab.checks import Array, as_array
 
 from .basics import COLOURS, subplots
 
-__all__ = ["FRAME_COLOURS", "draw_frame", "oblique", "plot_frames", "plot_two_rays"]
-
 AXIS_MM = 55.0  # length of a frame's axes
 BEYOND = 1.15  # a ray is drawn so much farther than the point
 FRAME_COLOURS = (COLOURS[0], "#A06A00", COLOURS[2], "black")  # legible as text

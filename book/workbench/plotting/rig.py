@@ -14,8 +14,6 @@ from trinolab.checks import as_points
 
 from .basics import COLOURS, row_of_panels
 
-__all__ = ["plot_layouts", "plot_rig"]
-
 FRUSTUM_MM = 90.0  # length of the pyramids that stand for cameras
 
 

@@ -18,8 +18,6 @@ from trinolab.checks import Array
 
 from .basics import COLOURS, subplots
 
-__all__ = ["plot_arm", "plot_delays", "plot_exceedance", "plot_session", "plot_two_port"]
-
 TEXT_COLOURS = (COLOURS[0], "#A06A00", COLOURS[2], "black")  # legible as text
 AXIS_SHARE = 0.14  # of the arm's height and width: the length of a drawn axis
 ROW_IN, FIRST_ROW_IN = 1.15, 0.55  # inches of a panel, and of what is above the first one

@@ -14,8 +14,6 @@ from matplotlib.patches import Rectangle
 
 from .basics import subplots
 
-__all__ = ["MASTER", "SYSTEM", "plot_chain", "plot_structure"]
-
 SYSTEM = {
     "operator": (0, 1),
     "operating\nhandle": (1, 2),

@@ -18,16 +18,6 @@ from .basics import COLOURS, row_of_panels, subplots
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "plot_budget",
-    "plot_errors_in_space",
-    "plot_factors",
-    "plot_null",
-    "plot_over_beta",
-    "plot_power",
-    "plot_refused",
-]
-
 COLUMN_IN = 6.9  # width of a page's column
 _REFUSED, _KEPT, _FITTED = COLOURS[1], "white", "0.85"
 _VIEWS = ((0, 1, "from the cameras"), (0, 2, "from above"))

@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike
 
 from .basics import COLOURS, subplots
 
-__all__ = ["plot_impedances", "plot_limits", "plot_nyquist"]
-
 
 def plot_nyquist(curves: Mapping[str, tuple[ArrayLike, ArrayLike]], widest: float = 2.5) -> Figure:
     """Loop transfer functions in the complex plane around the point -1, which a stable loop leaves

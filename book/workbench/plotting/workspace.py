@@ -23,14 +23,6 @@ from .basics import COLOURS, _names, subplots
 if TYPE_CHECKING:
     import pyvista
 
-__all__ = [
-    "Mesh",
-    "plot_workspace",
-    "show_cones_from_above",
-    "workspace_plotter",
-    "workspace_scene",
-]
-
 WORKSPACE_COLOUR = "#CC79A7"
 SEEN_FROM = np.array([900.0, 500.0, 900.0])  # the scene's first view: from the middle backwards, mm
 NAME_HEIGHT = 36.0  # of a camera's name in the scene, mm

@@ -19,8 +19,6 @@ from .pathtracing import Window, traced
 from .room import Room, empty_room, glove, handle_pieces
 from .shapes import band
 
-__all__ = ["exposed", "light", "plate", "take"]
-
 _COARSE = 4  # side of the empty room's pixels in the camera's own
 _PLATE_SAMPLES = 100
 _BESIDE_PX = 5  # around a marker, and around the body

@@ -22,8 +22,6 @@ from trinolab.checks import Array
 from .room import Piece, Room, Texture, surround
 from .shapes import Mesh
 
-__all__ = ["Window", "mitsuba", "traced"]
-
 MISSING = "mitsuba: not installed; it comes with the extra accept (pip install trinolab[accept])"
 # Mitsuba's camera frame has x to the left and y up.
 _FLIP = np.diag([-1.0, -1.0, 1.0])

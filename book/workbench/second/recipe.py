@@ -31,29 +31,6 @@ from .frames import exposed, plate, take
 from .pathtracing import mitsuba
 from .room import Room
 
-__all__ = [
-    "FILM_FRAMES",
-    "FILM_HANDLE",
-    "FILM_RIG",
-    "FPS",
-    "HANDLES",
-    "RANDOM_POSES",
-    "RIGS",
-    "SEED",
-    "Shooting",
-    "by_rig",
-    "film",
-    "four_cameras",
-    "instant",
-    "made_from",
-    "motion",
-    "recordings",
-    "rigs",
-    "seen_markers",
-    "stills",
-    "write_recording",
-]
-
 SEED = 2026
 HANDLES = ("paper", "coded")
 # The cameras of each shipped rig among the four, in its order.

@@ -17,8 +17,6 @@ from trinolab.handle import Handle
 
 from .shapes import Mesh, band, capsule, disc, marker_texture, moved, panel, tube
 
-__all__ = ["Piece", "Room", "Texture", "empty_room", "glove", "handle_pieces", "surround"]
-
 # Middles and half sides of the lamps, world frame, mm: they stand behind and beside the cameras.
 _LAMPS = (
     ((-350.0, -480.0, -60.0), (-110.0, 80.0, 0.0), (0.0, 60.0, -70.0)),

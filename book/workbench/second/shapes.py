@@ -13,8 +13,6 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab.checks import Array
 from trinolab.handle import Handle
 
-__all__ = ["Mesh", "band", "capsule", "disc", "marker_texture", "moved", "panel", "tube"]
-
 SIDES = 720  # of a tube: the chord of one lies 0.05 um below a radius of 5 mm
 _RINGS = 32  # of a capsule, an even number
 _TEXEL_MM = 0.02  # of the markers' texture: a tenth of a pixel

@@ -22,19 +22,6 @@ from trinolab.checks import Array, as_array
 from .deviations import Errors, Source, euler_jacobian
 from .pattern import rigid_field, without_field
 
-__all__ = [
-    "Clamping",
-    "Fit",
-    "Interval",
-    "clamped_anew",
-    "clamping",
-    "columns",
-    "f_test",
-    "fit_constants",
-    "misaligned",
-    "sigma_interval",
-]
-
 CONSTANTS = {
     "reference": ("C1 x", "C1 y", "C1 z"),
     "mount": ("C2 x", "C2 y", "C2 z"),

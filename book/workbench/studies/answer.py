@@ -15,8 +15,6 @@ from trinolab.datasets import load_sweep, load_table1
 from .deviations import exact
 from .pattern import smooth_share
 
-__all__ = ["LEVEL", "Facts", "checked", "facts", "sentence"]
-
 LEVEL = 0.05
 PAPER_MM = 0.31  # Sect. 6.5
 # Words in the names of models that say that something was set wrongly. All other models err by

@@ -15,8 +15,6 @@ from trinolab.background import Detection
 
 from .ground_truth import Recorded, Regions, Watched, held, wrong
 
-__all__ = ["judged", "mog2", "running_median", "survives_the_step"]
-
 FIRST_S, STEP_S, RATE_HZ = 0.5, 1.5, 30  # the second before the step, and when the light steps
 MOST_FALSE, MOST_MISSED = 0.001, 0.01  # of the bench, and of what moves
 

@@ -30,29 +30,6 @@ from trinolab.checks import Array, as_array, as_number, as_transform
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.handle import Handle
 
-__all__ = [
-    "COLUMNS",
-    "PIXELS",
-    "RIGS",
-    "SAMPLES",
-    "SHIPPED_PIXELS",
-    "Bound",
-    "bound_of",
-    "chosen_pixels",
-    "derivatives",
-    "expected",
-    "grey_derivatives",
-    "information",
-    "kept_information",
-    "marginal",
-    "mean_length",
-    "moved",
-    "pose_bound",
-    "small_steps",
-    "sweep_bounds",
-    "table1_bounds",
-]
-
 # of a central difference, in the image: flat from 0.05 to 0.3, `make verify ARGS="--only bound"`
 STEP_PX = 0.2
 SAMPLES = 32, 16  # a side of a pixel's samples at an edge of a marker, and of the body, at least

@@ -22,31 +22,6 @@ from trinolab.checks import Array
 from trinolab.handle import Handle
 from trinolab.rigid import cross_matrices
 
-__all__ = [
-    "BENCH",
-    "FAULTS",
-    "READOUT_S",
-    "SPEED_MM_S",
-    "Instant",
-    "Motion",
-    "Taken",
-    "apart",
-    "believed",
-    "bent",
-    "covariance_of_such",
-    "displaced",
-    "gamma",
-    "glossy",
-    "hand_motion",
-    "highlight",
-    "jpeg",
-    "later",
-    "miscalibrated",
-    "oval",
-    "rolled",
-    "rolling",
-]
-
 # A hand's, in the median (`motion.human_motion`): what moves while the shutter rolls or waits.
 SPEED_MM_S, TURN_DEG_S = 330.0, 15.5
 READOUT_S, APART_S = 0.010, 0.005

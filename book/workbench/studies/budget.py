@@ -57,36 +57,6 @@ from .pattern import (
 from .replication import replicate
 from .simulated_calibration import simulated_calibration
 
-__all__ = [
-    "MIX_TABLES",
-    "PATTERN_TABLES",
-    "PRINTED",
-    "REGISTRATIONS",
-    "SEED",
-    "SMALL_MM",
-    "SMALL_MODEL",
-    "TABLES",
-    "Images",
-    "Mix",
-    "Parts",
-    "budget",
-    "crossed_mixes",
-    "exact_tables",
-    "found_mixes",
-    "image_sources",
-    "line",
-    "make_tables",
-    "mix",
-    "mixes",
-    "mixes_table",
-    "models",
-    "parts",
-    "patterns_table",
-    "rendered",
-    "small_markers",
-    "smooth_table",
-]
-
 MIX_TABLES = 100  # that are drawn of each source
 _FACTORS = (1e-3, 1e3)  # limits of a size, of what the source is taken for
 POSITIONS = 14  # of the board in Sect. 6.2

@@ -39,32 +39,6 @@ from .carrier import all_runs, columns_of_mean
 from .pattern import affine_field, without_field
 from .replication import WRONG_DEG, WRONG_MM, estimates_and_truths, measure_frames
 
-__all__ = [
-    "CENTRE_PX",
-    "DIRECTIONS",
-    "DRAWS",
-    "ERRORS",
-    "NOISE_SEED",
-    "PLACES",
-    "RESAMPLES",
-    "RESULTS",
-    "RIGS",
-    "SEED",
-    "SETTINGS",
-    "TURN_DEG",
-    "Pattern",
-    "curve",
-    "drawn_rig",
-    "grids",
-    "level_at",
-    "make_table",
-    "one_draw",
-    "pattern",
-    "rendered",
-    "results",
-    "summaries",
-]
-
 RIGS = ("paper_pair", "raised_40deg")
 SETTINGS: Mapping[str, Parameters] = {name: Parameters(estimator=name) for name in ("paper", BEST)}
 LEVELS = (0.1, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0)  # and 0, the exact rig

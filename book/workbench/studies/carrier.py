@@ -19,8 +19,6 @@ from ..intervals import Interval
 from ..sweep import sweep
 from ..sweep.outcome import OK
 
-__all__ = ["all_runs", "columns_of_mean", "kept_draws"]
-
 
 def all_runs(
     what: str,

@@ -31,25 +31,6 @@ from trinolab.handle import Handle, slants
 from trinolab.markers import find_markers
 from trinolab.parameters import Parameters
 
-__all__ = [
-    "METHODS",
-    "Method",
-    "Still",
-    "centres",
-    "centroid_errors",
-    "centroid_report",
-    "detected",
-    "hostile_stills",
-    "instant_errors",
-    "inward",
-    "modelled",
-    "plain",
-    "registered",
-    "still",
-    "still_view",
-    "turned_marker",
-]
-
 DISTANCE_MM = 570.0
 SHOWN_DEG = 85.0  # a marker turned further away does not show
 SEEN_DEG = 77.0  # nor is its centroid asked for beyond this

@@ -59,38 +59,6 @@ from .claim_trials import (
 from .replication import measure_frames, replication_errors, shared_poses
 from .simulated_calibration import Board, calibration_errors, simulated_calibration
 
-__all__ = [
-    "BENDS_MM",
-    "CLIP",
-    "FACTORS",
-    "NOTHING",
-    "POSITIONS",
-    "PRINTED",
-    "PRINTED_H",
-    "TRIALS",
-    "Draw",
-    "Way",
-    "calibration",
-    "certain",
-    "clip",
-    "concealed",
-    "errors_of",
-    "factor",
-    "follow_clip",
-    "forecast",
-    "hidden_camera",
-    "kept_robot",
-    "long_clip",
-    "one_calibration",
-    "position_error",
-    "random_pose",
-    "recorded_instant",
-    "rendered_mean",
-    "slave",
-    "table1",
-    "time",
-]
-
 Draw = dict[str, tuple[float, float]]
 
 NOTHING = (0.0, 0.0)

@@ -20,17 +20,6 @@ from trinolab.markers import find_markers
 from trinolab.measurement import Measurement
 from trinolab.window import Window
 
-__all__ = [
-    "FPS",
-    "SAME_PX",
-    "Searched",
-    "nearest",
-    "searched",
-    "share_close",
-    "share_of_image",
-    "true_labels",
-]
-
 FPS = 30.0  # of the paper's cameras
 CLOSE_MM, CLOSE_DEG = 1.0, 5.0  # a pose further off than this is wrong
 # a found marker further off than this is another thing; half a marker, of which the limb hides a

@@ -23,18 +23,6 @@ from .carrier import kept_draws
 from .claim_draws import TRIALS, Draw
 from .protocol import Claim, Trial, frozen_hash, load_claims, load_trials
 
-__all__ = [
-    "checks_of",
-    "drawn",
-    "draws_of",
-    "estimated",
-    "make_tables",
-    "make_tables_in",
-    "print_hashes",
-    "results_of",
-    "table_of_draws",
-]
-
 DRAWS = ("trial", "k", "check", "a", "b")
 COLUMNS = ("check", "trial", "statistic", "value", "low", "high", "n", "draws", "seed")
 

@@ -20,8 +20,6 @@ from trinolab.checks import Array
 
 from .silent_size import NOISE_PX, Seen, fit, pixel_covariance
 
-__all__ = ["BySigma", "by_sigma"]
-
 
 class BySigma(NamedTuple):
     """The rms of error by reported sigma, of position and of rotation."""

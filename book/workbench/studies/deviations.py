@@ -17,21 +17,6 @@ from trinolab.checks import Array, as_rng, as_whole
 from trinolab.metrics import angle_differences_deg
 from trinolab.rigid import cross_matrices
 
-__all__ = [
-    "MEANS",
-    "Errors",
-    "Source",
-    "deviations",
-    "drawn",
-    "euler_jacobian",
-    "exact",
-    "first_order",
-    "means",
-    "registered",
-    "rms",
-    "together",
-]
-
 MEANS = ("E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg", "geodesic_deg")
 
 

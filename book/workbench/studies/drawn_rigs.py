@@ -36,20 +36,6 @@ from .carrier import all_runs
 from .replication import EVERY, deviation, measure_instant
 from .second_renderer import OURS, SECOND, our_instant, recorded, with_own
 
-__all__ = [
-    "EXACT",
-    "LEVELS",
-    "RIGS",
-    "SEED",
-    "Level",
-    "by_file",
-    "drawn",
-    "make_table",
-    "row",
-    "sums",
-    "trial",
-]
-
 RIGS = ("paper_pair", "raised_40deg")
 SEED = 61  # of the draws
 

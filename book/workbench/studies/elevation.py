@@ -34,26 +34,6 @@ from trinolab.parameters import Parameters
 from .claim_trials import share_close
 from .replication import measure_frames, replication_errors, shared_poses
 
-__all__ = [
-    "ELEVATIONS_DEG",
-    "HANDLE",
-    "HIDDEN_POSES",
-    "POSES",
-    "SEED",
-    "SETTINGS",
-    "accuracy",
-    "cell",
-    "frame",
-    "frames",
-    "kept",
-    "measured",
-    "pair_frames",
-    "poses_of",
-    "random_poses",
-    "shared_markers",
-    "sweep_elevation",
-]
-
 ELEVATIONS_DEG = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
 SETTINGS: Mapping[str, Parameters] = {name: Parameters(estimator=name) for name in ESTIMATORS}
 HANDLE = "paper"

@@ -26,29 +26,6 @@ from trinolab.rigid import nearest_rotation
 from ..paper.errata.pose import printed_points
 from .deviations import Source, deviations, euler_jacobian
 
-__all__ = [
-    "Trial",
-    "askew",
-    "by_matrix",
-    "calibration",
-    "centroid_bias",
-    "lens_distortion",
-    "make_trial",
-    "marker_places",
-    "one_focal_length",
-    "pixel_noise",
-    "platform",
-    "printed_digits",
-    "printed_matrix",
-    "response",
-    "set_angles",
-    "set_scatter",
-    "shifted_rig",
-    "turned_camera",
-    "turned_reference",
-    "with_one_focal",
-]
-
 
 class Trial(NamedTuple):
     """Poses, who looks at them, and the exact pixels; all sources are changes of this.

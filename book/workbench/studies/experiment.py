@@ -16,8 +16,6 @@ from trinolab.checks import as_number, as_whole
 
 from .accounts import columns, fit_constants
 
-__all__ = ["fewest", "power_of_ratio", "told_apart"]
-
 MOST = 1000  # of anything that an experiment may repeat
 
 

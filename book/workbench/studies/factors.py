@@ -32,28 +32,6 @@ from trinolab.parameters import Parameters
 
 from .replication import PAPER, measure_frames, replication_errors
 
-__all__ = [
-    "DISTANCES_MM",
-    "ERRORS",
-    "FACTORS",
-    "MEAN_DISTANCE_MM",
-    "Factor",
-    "Setup",
-    "at_distance",
-    "at_speed",
-    "at_turn_rate",
-    "cell",
-    "errors_of",
-    "frames",
-    "in_view_everywhere",
-    "make_tables",
-    "measured",
-    "sweep_factor",
-    "table1_setup",
-    "with_distortion",
-    "with_markers",
-]
-
 MEAN_DISTANCE_MM = 570.0  # of Table 1's positions from the middle of CCD1 and CCD2
 
 DISTANCES_MM = (430.0, 500.0, MEAN_DISTANCE_MM, 650.0, 750.0, 900.0, 1100.0)

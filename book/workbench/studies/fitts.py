@@ -22,17 +22,6 @@ from ..teleop.operators import STRATEGIES, Person, point
 from ..teleop.pointing import DISTANCES_MM, WIDTHS_MM, conditions, difficulty, performance
 from .carrier import columns_of_mean
 
-__all__ = [
-    "DELAYS_S",
-    "SCALES",
-    "LagModels",
-    "cell",
-    "fit",
-    "lag_models",
-    "make_table",
-    "one_operator",
-]
-
 SCALES = (1.0, 2.0, 3.0, 4.0)
 DELAYS_S = (0.0, 0.075, 0.15, 0.225, 0.3)
 SEEDS = 20

@@ -36,25 +36,6 @@ from .carrier import all_runs
 from .factors import Setup, at_distance, errors_of, measured, table1_setup, with_markers
 from .ground_truth import Recorded, Regions, held, moving, read_recording, watch
 
-__all__ = [
-    "GALLERY",
-    "Exhibit",
-    "accuracy",
-    "background_pixels",
-    "command",
-    "followed",
-    "hard_light",
-    "kept_recording",
-    "load",
-    "make",
-    "make_tables",
-    "regions",
-    "search_window",
-    "settings",
-    "with_baseline",
-    "with_vergence",
-]
-
 METHODS: Mapping[str, Parameters] = {
     name: Parameters(estimator=name) for name in ("paper", "patches")
 }

@@ -33,27 +33,6 @@ from trinolab.window import Window
 
 from .claim_trials import true_labels
 
-__all__ = [
-    "Instant",
-    "Recorded",
-    "Regions",
-    "Spots",
-    "Watched",
-    "Wrong",
-    "cover",
-    "held",
-    "in_the_gate",
-    "instant_of",
-    "judge_search",
-    "judge_spots",
-    "moving",
-    "moving_windows",
-    "read_recording",
-    "regions",
-    "watch",
-    "wrong",
-]
-
 SHOWN_DEG = 80.0  # markers turned further away hardly ever give a spot
 
 

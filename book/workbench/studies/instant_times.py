@@ -38,22 +38,6 @@ from trinolab.pose import Pose
 from ..sweep.engines import as_finished, processes
 from ..teleop import task
 
-__all__ = [
-    "BEFORE",
-    "FPS",
-    "INSTANTS",
-    "METHODS",
-    "Film",
-    "all_followed",
-    "blob_detector",
-    "fast",
-    "films",
-    "followed",
-    "job_of",
-    "make_table",
-    "taken",
-]
-
 BEFORE = "8d064b1"  # where each moving fit drew the handle at up to 20 times of the exposure
 FPS = 30.0
 USUAL_MS, SHORT_MS = 10.0, 6.0  # exposures

@@ -19,8 +19,6 @@ from scipy.spatial.transform import Rotation
 
 from trinolab.checks import Array, as_array, as_number, as_rng, as_whole
 
-__all__ = ["Part", "lever_field", "part_tests", "power", "share_interval"]
-
 
 class Part(NamedTuple):
     """What some columns of a linear model explain beyond all others.

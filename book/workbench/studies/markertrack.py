@@ -24,8 +24,6 @@ from trinolab.parameters import Parameters
 from trinolab.tracker import corrected
 from trinolab.window import Window
 
-__all__ = ["Followed", "Look", "follow", "moving_regions", "step"]
-
 
 class Followed(NamedTuple):
     """What is known of the markers in one image.

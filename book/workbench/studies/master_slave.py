@@ -23,34 +23,6 @@ from trinolab.slave.control import MARGIN, TICK_S, ReferenceParameters
 from trinolab.slave.mapping import MappingParameters, Sample, State
 from trinolab.slave.session import Session
 
-__all__ = [
-    "BLOCK_Y_MM",
-    "CAMERAS",
-    "DEEP_MM",
-    "EXPOSURE_S",
-    "PARTS",
-    "REST_S",
-    "STAGES",
-    "STILL_S",
-    "TOOL_RADIUS_MM",
-    "Trial",
-    "at_tool",
-    "between",
-    "climbing_s",
-    "coverage",
-    "human_hand",
-    "is_reached",
-    "lag_s",
-    "latency_budget",
-    "mapped",
-    "noisy",
-    "parts",
-    "pushed",
-    "reference_lag_s",
-    "run",
-    "speed_mm_s",
-]
-
 REST_S = 1.5
 # the block's side towards the arm's home, in the shipped model
 BLOCK_Y_MM = 160.0

@@ -37,26 +37,6 @@ from .carrier import columns_of_mean, kept_draws
 from .claim_trials import true_labels
 from .ground_truth import Instant, instant_of
 
-__all__ = [
-    "FACING_DEG",
-    "GATES_PX",
-    "LEVELS_PX",
-    "RULES",
-    "WEIGHT",
-    "Shot",
-    "Spots",
-    "best_set",
-    "both_directions",
-    "by_layout",
-    "by_line",
-    "by_line_and_looks",
-    "by_looks",
-    "counts",
-    "make_table",
-    "shot_of",
-    "summary",
-]
-
 RIG, HANDLE = "raised_40deg", "coded"
 FACING_DEG = 70.0  # a marker that is turned away further need not be paired
 WEIGHT = 0.25  # correlation that a pixel of distance costs; chosen on the recordings of seed 0

@@ -19,22 +19,6 @@ from trinolab.rigid import cross_matrices
 
 from .deviations import Errors, Source, drawn, first_order, together
 
-__all__ = [
-    "STATISTICS",
-    "affine_field",
-    "compare",
-    "filled_up",
-    "holm",
-    "largest_size",
-    "p_values",
-    "pattern_table",
-    "rigid_field",
-    "scaled",
-    "smooth_share",
-    "statistics",
-    "without_field",
-]
-
 NEAR_LOCK_DEG = 75.0
 STATISTICS = {
     "growth_alpha": "scatter of alpha near the gimbal lock by that elsewhere",

@@ -17,19 +17,6 @@ from trinolab.files.inputs import get, read_toml
 
 from ..intervals import of_share
 
-__all__ = [
-    "KINDS",
-    "Claim",
-    "Deviation",
-    "Trial",
-    "can_show",
-    "frozen_hash",
-    "load_claims",
-    "load_deviations",
-    "load_trials",
-    "logged_hashes",
-]
-
 KINDS = (
     "re-computation",
     "replication as printed",

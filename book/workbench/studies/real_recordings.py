@@ -30,30 +30,6 @@ from trinolab.markers import MarkerParameters, find_markers
 from trinolab.pose import rigid_fit
 from trinolab.triangulation import mean_point, points_of_pairs, triangulate
 
-__all__ = [
-    "Particles",
-    "StereoPhotographs",
-    "Tracks",
-    "Trajectory",
-    "baseline_difference_mm",
-    "board_errors_mm",
-    "board_fit_mm",
-    "decomposed",
-    "grey",
-    "led_errors_px",
-    "led_median_px",
-    "load_caliscope",
-    "load_opencv_stereo",
-    "load_pymvg_mcsc",
-    "load_trackpy_particles",
-    "load_trajectories",
-    "particle_errors_px",
-    "particle_median_px",
-    "photographed_calibration",
-    "reprojection_px",
-    "triangulate_steep",
-]
-
 PARTICLES = MarkerParameters(
     diameter_px=(2.5, 14.0), min_axis_ratio=0.3, min_fill=0.6, min_contrast=1.5
 )

@@ -31,23 +31,6 @@ from trinolab.metrics import (
 from trinolab.parameters import Parameters
 from trinolab.pose import Pose
 
-__all__ = [
-    "CHECKED",
-    "EVERY",
-    "PAPER",
-    "WRONG_DEG",
-    "WRONG_MM",
-    "Deviation",
-    "deviation",
-    "estimates_and_truths",
-    "measure_frames",
-    "measure_instant",
-    "replicate",
-    "replicate_table1",
-    "replication_errors",
-    "shared_poses",
-]
-
 PAPER: Mapping[str, Parameters] = {"paper": Parameters()}  # the paper's estimator alone
 CHECKED = "paper, checked"
 # the estimators, and the paper's with its check

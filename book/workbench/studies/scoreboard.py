@@ -30,22 +30,6 @@ from . import real_recordings, second_renderer
 from .protocol import Claim, Trial, can_show, load_claims, load_trials
 from .replication import CHECKED
 
-__all__ = [
-    "CHECKS",
-    "COLUMNS",
-    "Claim",
-    "Result",
-    "disagreements",
-    "drawn_results",
-    "essential_rows",
-    "load_claims",
-    "quoted",
-    "score",
-    "scoreboard",
-    "seconds_an_instant",
-    "sensitivity",
-]
-
 COLUMNS = (
     "no",
     "claim",

@@ -31,25 +31,6 @@ from ..intervals import of_mean
 from ..second import recipe
 from .replication import CHECKED, EVERY, Deviation, deviation, measure_instant
 
-__all__ = [
-    "FILM",
-    "OURS",
-    "SECOND",
-    "Factor",
-    "farthest_from_honest",
-    "followed",
-    "judged",
-    "make_table",
-    "measured",
-    "our_instant",
-    "ours",
-    "read",
-    "recorded",
-    "side_by_side",
-    "stills",
-    "with_own",
-]
-
 SECOND, OURS = "second", "bench"  # the renderers
 FILM = "film"  # stands in the column of estimators for the best one that follows
 

@@ -48,30 +48,6 @@ from .carrier import kept_draws
 from .error_sources import Trial, by_matrix, with_one_focal
 from .simulated_calibration import calibration_errors, simulated_calibration
 
-__all__ = [
-    "CASES",
-    "COLUMNS",
-    "DRAWS",
-    "NUMBERS",
-    "SEED",
-    "Case",
-    "World",
-    "by_pose",
-    "by_printed_matrix",
-    "compared",
-    "errors",
-    "images_of",
-    "is_itself",
-    "make_table",
-    "numbers_of",
-    "of_calibration",
-    "of_sweeps",
-    "of_table1",
-    "of_workspace",
-    "run_case",
-    "standard",
-]
-
 COLUMNS = (
     "assumption",
     "instead",

@@ -22,20 +22,6 @@ from trinolab.uncertainty.systematic import motion_slopes, slopes_at
 
 from .broken import covariance_of_such
 
-__all__ = [
-    "BAD",
-    "GOOD",
-    "NOISE_PX",
-    "Curve",
-    "Seen",
-    "curve",
-    "fit",
-    "fixed",
-    "pixel_covariance",
-    "seen",
-    "sizes",
-]
-
 GOOD, BAD = (0.1, 0.005), (0.3, 0.02)  # principal points, px, and directions, deg
 NOISE_PX = 0.008  # of a marker's place, as `patches` has it
 SLANT_DEG = 60.0  # up to which a marker is seen

@@ -20,15 +20,6 @@ from trinolab.metrics import PoseErrors, pose_errors
 from trinolab.pose import rigid_fit
 from trinolab.triangulation import triangulate
 
-__all__ = [
-    "bent",
-    "calibration_errors",
-    "corners_of",
-    "photograph",
-    "simulated_calibration",
-    "true_corners",
-]
-
 CORNER_NOISE_PX = 0.05  # of corners found in rendered frames; 0.036 to 0.049 px in three trials
 
 

@@ -44,29 +44,6 @@ from .replication import (
     shared_poses,
 )
 
-__all__ = [
-    "BLOCK",
-    "FIRST_ROUNDS",
-    "GEOMETRY",
-    "HANDLES",
-    "OFTEN",
-    "RIGS",
-    "SEED",
-    "SUMS",
-    "WINDOW_PX",
-    "by_fault",
-    "instants",
-    "judged",
-    "make_table",
-    "methods_of",
-    "rows_of",
-    "summed",
-    "sums",
-    "trial",
-    "unforeseen",
-    "watched",
-]
-
 RIGS = {"paper_pair": 2, "raised_40deg": 3}  # how many of the cameras that take the frames
 HANDLES = ("coded", "paper")
 # Faults of where and when the cameras look: an image by itself does not show them.

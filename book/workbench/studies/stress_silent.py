@@ -21,8 +21,6 @@ from .broken import FAULTS
 from .replication import EVERY
 from .stress import instants, methods_of, rows_of, summed
 
-__all__ = ["SILENT_FAULTS", "make_table", "trial"]
-
 SILENT_FAULTS = tuple(name for name in FAULTS if not name.startswith("calibration"))
 
 

@@ -44,28 +44,6 @@ from trinolab.window import Window
 
 from .real_recordings import load_trajectories
 
-__all__ = [
-    "Innovations",
-    "Model",
-    "drawn_poses",
-    "drawn_tracks",
-    "found_centres",
-    "handheld_poses",
-    "image_model",
-    "innovations",
-    "judge",
-    "model_nees",
-    "most_likely",
-    "nis_band",
-    "person_nees",
-    "pose_models",
-    "pose_paths",
-    "print_most_likely",
-    "seconds_nis",
-    "tune_image",
-    "tune_pose",
-]
-
 FPS = 30.0
 # a marker is found up to this slant, give or take, anew at each instant
 FOUND_DEG, SCATTER_DEG = 91.0, 2.7

@@ -32,18 +32,6 @@ from ..intervals import of_mean, of_share
 from .carrier import columns_of_mean
 from .replication import CHECKED, EVERY
 
-__all__ = [
-    "BENCH",
-    "POSES",
-    "RODS_MM",
-    "WEBCAMS",
-    "Webcam",
-    "cell",
-    "make_table",
-    "rod_poses",
-    "webcam_rig",
-]
-
 DISTANCE_MM, BASELINE_MM, ELEVATION_DEG = 500.0, 200.0, 40.0
 SEED = 27
 POSES = 60

@@ -19,24 +19,6 @@ from trinolab.window import Window
 
 from .. import intervals
 
-__all__ = [
-    "Guess",
-    "Seen",
-    "area_and_kept",
-    "area_by",
-    "by_blocks",
-    "filter_s_place",
-    "guesses",
-    "held",
-    "largest_miss",
-    "last_place",
-    "last_step",
-    "miss",
-    "moved_to",
-    "rules_with_margins",
-    "window_share",
-]
-
 BLOCK = 15  # frames, half a second: neighbouring frames are alike
 
 

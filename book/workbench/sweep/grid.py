@@ -17,8 +17,6 @@ import numpy as np
 from trinolab.checks import as_whole
 from trinolab.files.inputs import read_csv
 
-__all__ = ["MANY", "Axis", "Between", "Interval", "axes_of", "count", "parse", "runs"]
-
 MANY = 100_000  # runs: more of them are rather a mistake
 MOST_POINTS = 1_000_000  # of one range
 FORMS = "expected a:b:n, log:a:b:n, a list like 0,1,2, or @file.csv"

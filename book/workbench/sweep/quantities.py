@@ -7,8 +7,6 @@ from __future__ import annotations
 from collections.abc import Container
 from typing import NamedTuple
 
-__all__ = ["PAPER", "Count", "count_of", "is_count", "labelled", "paper_value", "unit_of"]
-
 # Eq. 26 and 27 as Sect. 6.5 states them; `data/claims.toml` has them with their places.
 PAPER = {"E_t_mm": 0.31, "E_alpha_deg": 0.67, "E_beta_deg": 0.56, "E_gamma_deg": 0.65}
 

@@ -14,8 +14,6 @@ from ..plotting.basics import subplots
 from .figures import Levels, counts_of, draw_curve, is_grid, plot_sweep, results_of, varied
 from .notebook import UNATTENDED
 
-__all__ = ["explore", "plot_slice", "slide"]
-
 RESULT = "which result"  # no parameter has a name with a space
 WHOLE = {"description_width": "initial"}  # a name is not cut off
 

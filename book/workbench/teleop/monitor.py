@@ -18,18 +18,6 @@ from trinolab.following.overlay import STATUS_COLOURS, camera_view
 from trinolab.following.posetracker import Tracked
 from trinolab.lens import as_size
 
-__all__ = [
-    "SIZE",
-    "SMALLEST",
-    "Readings",
-    "blue_first",
-    "draw_strip",
-    "monitor_picture",
-    "slave_size",
-    "tag",
-    "write",
-]
-
 NOTHING = "--"
 PLAIN = (240, 240, 240)
 TEXT_PX = 14  # of the letters, or more

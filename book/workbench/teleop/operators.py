@@ -35,17 +35,6 @@ from trinolab.slave.mapping import MappingParameters
 
 from .pointing import COLUMNS
 
-__all__ = [
-    "FRAME_TICKS",
-    "STRATEGIES",
-    "TICK_S",
-    "Machine",
-    "Person",
-    "least_jerk",
-    "machine_lag_s",
-    "point",
-]
-
 STRATEGIES = ("continuous", "move-and-wait")
 TICK_S = 1 / 120
 FRAME_TICKS = 4  # 30 frames/s

@@ -38,18 +38,6 @@ from trinolab.checks import Array, as_array
 from trinolab.files.inputs import read_csv
 from trinolab.files.outputs import write_whole
 
-__all__ = [
-    "COLUMNS",
-    "DISTANCES_MM",
-    "WIDTHS_MM",
-    "Performance",
-    "conditions",
-    "difficulty",
-    "performance",
-    "read_log",
-    "write_log",
-]
-
 COLUMNS = (
     "task",
     "operator",

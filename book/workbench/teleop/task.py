@@ -34,25 +34,6 @@ from .monitor import SMALLEST
 from .operators import least_jerk
 from .teleoperate import Done, recorded, teleoperate
 
-__all__ = [
-    "COARSE",
-    "COVERED_S",
-    "DARK_S",
-    "LEGS",
-    "RADIUS_MM",
-    "RATE_HZ",
-    "SIDE_MM",
-    "TARGET_MM",
-    "Leg",
-    "hand",
-    "job",
-    "perform",
-    "performed",
-    "recording",
-    "rig",
-    "script",
-]
-
 RATE_HZ = 15.0  # of the cameras: half of the usual, which halves the time to render them
 COARSE, FINE = 3.0, 0.5  # scales
 SIDE_MM = (-500.0, 160.0, 45.0)  # of the block in the shipped model: a point of the side, base

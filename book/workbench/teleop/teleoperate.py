@@ -39,8 +39,6 @@ from trinolab.slave.session import Log, Moment, Session
 
 from .monitor import SIZE, Readings, blue_first, monitor_picture
 
-__all__ = ["Done", "Script", "Source", "recorded", "simulated", "teleoperate"]
-
 log = logging.getLogger("trinolab")
 
 VIDEO = "monitor.webm"

@@ -20,17 +20,6 @@ if TYPE_CHECKING:
     import mujoco
     import pyvista
 
-__all__ = [
-    "ForceArrow",
-    "GeomScene",
-    "SlaveView",
-    "can_render",
-    "geom_colour",
-    "geom_scene",
-    "place",
-    "visible_geoms",
-]
-
 # MuJoCo's habit: geoms of this group and above are for collisions, or not for the eye
 HIDDEN_GROUP = 3
 ENDLESS = 10.0  # half the side of an endless plane, by the model's extent (stat.extent)

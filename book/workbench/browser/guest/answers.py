@@ -9,8 +9,6 @@ import sys
 from ...course import check
 from . import door, session
 
-__all__ = ["grade"]
-
 
 def grade(number: str, name: str) -> None:
     """Check what the session has by a name, and hand the verdict to the page."""

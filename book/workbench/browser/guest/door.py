@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["ask", "opened_by"]
-
 _call: Callable[[bytes], bytes] | None = None
 
 

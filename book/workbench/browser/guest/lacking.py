@@ -11,8 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["StereoPair", "four_of_a_grid", "stereo_pair", "triangulated"]
-
 
 class StereoPair(NamedTuple):
     """Two cameras calibrated at once: matrices (3, 3), and the motion from the first one's frame

@@ -22,8 +22,6 @@ import numpy as np
 
 from . import door, substitutes
 
-__all__ = ["answer", "close_figures", "glue", "run", "show", "start"]
-
 REQUEST = Path("/tmp/request.json")
 CELLS = Path("/tmp/cells")
 namespace: dict[str, Any] = {}

@@ -13,8 +13,6 @@ from typing import Any
 
 from . import opencv
 
-__all__ = ["HTML", "MISSING", "install"]
-
 MISSING = {
     "mujoco": "MuJoCo simulates the arm in compiled code that no browser has",
     "pyvista": "PyVista draws its scenes with VTK, which no browser has",

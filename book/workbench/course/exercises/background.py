@@ -6,8 +6,6 @@ import numpy as np
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["background_after", "fitting_rates", "moving_pixels"]
-
 background_after_exercise = FunctionExerciseMaker(
     "03.3", "Eq. 6 when frames are missing", "ex-background-film", points=4
 )

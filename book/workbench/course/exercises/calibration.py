@@ -7,8 +7,6 @@ from scipy.spatial.transform import Rotation
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["square_lens"]
-
 
 def _lens_of(homographies, size, of_columns, normalise=True, equations_of=None):
     """`square_lens` with another last step, `of_columns`: from the entries of B to f, cx, cy; in

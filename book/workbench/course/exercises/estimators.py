@@ -6,9 +6,6 @@ import numpy as np
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["variance_without"]
-
-
 VIEWS = "10, The algorithm: all views at once"
 
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["position_force"]
-
 
 def _variant(push, late, wall_m, wall_stiffness, wrong):
     """As `position_force` with one thing wrong."""

@@ -6,8 +6,6 @@ import numpy as np
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["filter_number", "kalman_step", "search_window"]
-
 
 def _step(
     X, P, Z, dt, Q, R, half=0.5, transposed=True, noisy=True, old=False, sign=1.0, late=False

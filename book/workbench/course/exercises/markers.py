@@ -9,8 +9,6 @@ import numpy as np
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["plateau", "spot_centroid"]
-
 
 def _discs(greys, ground, radius, bridge=None):
     """An image of discs in two rows; a bridge joins the first row's."""

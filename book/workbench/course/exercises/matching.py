@@ -9,8 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["distance_sigma", "epipolar_line", "expected_correlation", "left_to_right"]
-
 
 def _intrinsics(rng):
     fx, fy = rng.uniform(2800, 3000, 2)

@@ -7,8 +7,6 @@ from scipy.spatial.transform import Rotation
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["in_world", "midpoint", "point_of_pixels", "rigid_motion"]
-
 
 def _forms(xy_left, xy_right, R, T):
     ray = np.array([*xy_left, 1.0])

@@ -9,8 +9,6 @@ from scipy.spatial.transform import Rotation
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["clutched", "strokes_needed", "turned_tool"]
-
 
 def _goes_on(hand, closed, tool, scale, keep_origin):
     """After a loss the tool goes on without the clutch."""

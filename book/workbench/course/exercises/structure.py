@@ -6,8 +6,6 @@ import numpy as np
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["look_alikes"]
-
 
 def _even(columns, half_mm):
     """As many columns at equal angles, each with a marker at + and - half_mm."""

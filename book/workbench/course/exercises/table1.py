@@ -7,8 +7,6 @@ from scipy.spatial.transform import Rotation
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["askew_differences", "mean_angle_errors"]
-
 
 def _wrapped_errors(measured_deg, set_deg):
     """Signed errors (k, 3) of the poses that are not lost."""

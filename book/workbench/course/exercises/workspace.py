@@ -6,8 +6,6 @@ import numpy as np
 
 from ..exercise import FunctionExerciseMaker
 
-__all__ = ["in_pyramid"]
-
 
 def _turned(degrees, about, shift):
     """A rigid motion (4, 4): a turn about an axis of the frame, and a shift."""

@@ -10,8 +10,6 @@ from trinolab.background import difference, update
 
 from ..ledger import Effect
 
-__all__ = ["black_pixels", "resting_handle"]
-
 # grey levels of the standard scene, and T
 BACKGROUND = 45.0
 HANDLE = 90.0

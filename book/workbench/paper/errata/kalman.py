@@ -30,17 +30,6 @@ from trinolab.kalman import (
 
 from ..ledger import Effect
 
-__all__ = [
-    "certain_start",
-    "largest_rectangle",
-    "late_covariance",
-    "late_observation",
-    "lost_transpose",
-    "noisy_prediction",
-    "one_for_a_matrix",
-    "sum_observed",
-]
-
 MODEL = KalmanParameters(
     jerk_intensity=1e8, sigma_px=2.0, velocity_sigma=500.0, acceleration_sigma=3000.0
 )

@@ -16,16 +16,6 @@ from trinolab.matching import epipolar_distances, ncc, ncc_matrix
 
 from ..ledger import Effect
 
-__all__ = [
-    "broken_bounds",
-    "endless_bisection",
-    "last_threshold_alone",
-    "printed_bisection",
-    "residual_for_a_distance",
-    "window_that_starts_at_its_point",
-    "wrong_way",
-]
-
 
 def printed_bisection(image: Array, contours: float, most: int = 1000) -> tuple[float, float]:
     """The iteration of Sect. 5.1 as printed (Eq. 16): the number of steps, and of contours at its

@@ -20,21 +20,6 @@ from trinolab.triangulation import (
 
 from ..ledger import Effect
 
-__all__ = [
-    "any_matrix",
-    "change_of_frame",
-    "direction_of_motion",
-    "first_form",
-    "four_markers",
-    "no_rotation",
-    "one_focal_length",
-    "plain_mean",
-    "printed_points",
-    "printed_rotation_error",
-    "second_form",
-    "use_of_no_rotation",
-]
-
 SIGMA_PX = 0.05  # noise of a centroid
 EXACT_MM = 1e-6
 

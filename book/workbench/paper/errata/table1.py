@@ -10,8 +10,6 @@ from trinolab.metrics import angle_errors_deg, euler_deg
 
 from ..ledger import Effect
 
-__all__ = ["mean_of_alpha", "plain_difference"]
-
 
 def plain_difference() -> Effect:
     """E_alpha of Table 1 in a world frame that is turned by 54 deg about Z, which no error may

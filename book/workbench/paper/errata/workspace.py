@@ -14,17 +14,6 @@ from trinolab.workspace.cones import Cone, corners, half_angle, paper_cones
 
 from ..ledger import Effect
 
-__all__ = [
-    "printed_cones",
-    "printed_workspace_volume",
-    "shift_of_ccd3",
-    "turn_of_ccd1",
-    "turn_of_ccd2",
-    "turn_of_ccd3",
-    "whole_sides",
-    "workspace_volume",
-]
-
 # B, beta_1, beta_2, omega: axes that meet at 90 deg
 RIGHT_ANGLED = (1.0, np.pi / 4, np.pi / 4, np.deg2rad(20.0))
 ROUNDING_DEG = 1e-5
