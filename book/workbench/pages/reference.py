@@ -354,6 +354,7 @@ def setup(app: Any) -> dict[str, bool]:
                 slugs.setdefault(name, (0, document.nameids[name], name))
 
     app.connect("builder-inited", _in_parallel)
+    app.connect("env-updated", _without_unused_sources)
     app.connect("doctree-read", name_in_full)
     app.connect("doctree-read", linkable)
     app.connect("missing-reference", _plain)
@@ -368,6 +369,15 @@ def _in_parallel(app: Any) -> None:
     """
     for name in SILENT:
         app.extensions[name].parallel_read_safe = True
+
+
+def _without_unused_sources(app: Any, env: Any) -> None:
+    """Forget the modules that no page leads to, of which viewcode would make a page of source: read
+    one after the other, the next page makes it forget them.
+    """
+    sources = getattr(env, "_viewcode_modules", {})
+    for module in [name for name, entry in sources.items() if entry and not entry[2]]:
+        del sources[module]
 
 
 def full_name(name: str, module: str | None) -> str:

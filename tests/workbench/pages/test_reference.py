@@ -3,6 +3,7 @@
 import ast
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
 import pytest
@@ -219,3 +220,11 @@ def test_picture_and_table_are_written_and_the_same_again(tmp_path):
     table = (tmp_path / "a" / "house.md").read_text(encoding="utf-8")
     assert table.count("\n") == 2 + sum(map(len, map(reference.folders, (trinolab, workbench))))
     assert "| {doc}`sweep </book/api/sweep>` | " in table
+
+
+def test_a_module_that_no_page_leads_to_has_no_page_of_its_source():
+    used = ("code", {}, {"Pose": "book/api/pose"}, "trinolab.pose")
+    unused = ("code", {}, {}, "functools")
+    env = SimpleNamespace(_viewcode_modules={"a": used, "functools": unused, "b": False})
+    reference._without_unused_sources(None, env)
+    assert env._viewcode_modules == {"a": used, "b": False}
