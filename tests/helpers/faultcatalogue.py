@@ -900,11 +900,6 @@ FAULTS = {
         SWEEP,
         "n.ipynb: its kernel klingon is not installed",
     ),
-    "sweep: a text as result": (
-        changed("n.ipynb", '"pass"', """"glue('kind', ['a'], display=False)\""""),
-        SWEEP,
-        "n.ipynb: 'kind' is no number: ['a']; the results of a sweep are numbers",
-    ),
     "sweep: unknown parameter": (
         nothing,
         SWEEP + " -p c=1",
@@ -1194,7 +1189,11 @@ FAULTS = {
         "measure --rig rig.toml --out poses.csv",
         "expected a recording folder, or else all of --rig, --handle and --images",
     ),
-    "method": (nothing, MEASURE + " --method magic", "argument --method: invalid choice: 'magic'"),
+    "method": (
+        nothing,
+        MEASURE + " --method magic",
+        "--method: expected one of paper, reprojection",
+    ),
     "folder and video": (
         nothing,
         TRACK + " --video ccd1=ccd1.mkv ccd2=ccd2.mkv",

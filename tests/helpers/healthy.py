@@ -8,7 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 from boards import CALIBRATE, board_frames, write_views
-from makenotebook import make_notebook
+from makenotebook import glued, make_notebook
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.optics import Bench
@@ -71,7 +71,8 @@ def make_healthy(root, count):
     for name in ("truth", "found", "path"):
         write_poses(truth_table(poses[:3]), root / f"{name}.csv")
     write_views(root, board_frames(5))
-    make_notebook(root / "n.ipynb", "pass", parameters="a = 0\nb = 0.5\nname = 'paper'")
+    parameters = "a = 0\nb = 0.5\nname = 'paper'"
+    make_notebook(root / "n.ipynb", "pass", glued(y="a + b"), parameters=parameters)
 
 
 def write_video(path, frames, codec="FFV1"):
