@@ -6,7 +6,7 @@ import numpy as np
 import scipy.fft
 
 from trinolab.estimators.appearance import shading_basis
-from trinolab.estimators.imagemodel import BORDER_PX, CLEAR_PX, ENOUGH, Noise
+from trinolab.estimators.imagemodel import BORDER_PX, CLEAR_PX, ENOUGH, Noise, Reduced
 from trinolab.estimators.loops import GRAZING
 from trinolab.estimators.movingmodel import in_handle
 
@@ -263,25 +263,6 @@ class Linear(NamedTuple):
     by_gloss: object
     marker: object
     body: object
-
-
-class Reduced(NamedTuple):
-    """Normal equations of each window with its greys eliminated.
-
-    Attributes
-    ----------
-    information : ndarray, shape (k, m, m)
-    gradient : ndarray, shape (k, m)
-    greys : ndarray, shape (k, 6 or 9)
-        Step of the greys if the other unknowns stay.
-    greys_by_other : ndarray, shape (k, 6 or 9, m)
-        What a step of the others takes from it.
-    """
-
-    information: object
-    gradient: object
-    greys: object
-    greys_by_other: object
 
 
 class Lights(NamedTuple):
