@@ -18,16 +18,6 @@ from ..camera import Camera, Rig
 from ..checks import Array
 from ..handle import Handle
 from ..rigid import rotation_of
-from .rows import (
-    BODY_MOTION,
-    BODY_SHARE,
-    CLEARANCE,
-    LAYERS,
-    MARKER_MOTION,
-    MARKER_SHARE,
-    SINE,
-    VERSINE,
-)
 
 
 class Views(NamedTuple):
@@ -70,50 +60,6 @@ class Windows(NamedTuple):
     def size_px(self) -> np.ndarray:
         """Width and height of a window, px, shape (2,)."""
         return np.array(self.shape[::-1]) * self.cell
-
-
-class Layers(NamedTuple):
-    """What the cells of windows show, before the blur.
-
-    Attributes
-    ----------
-    rows : ndarray, shape (k, rows.LAYERS, p)
-        As `loops.draw` fills them.
-    """
-
-    rows: Array
-
-    @property
-    def marker(self) -> Array:
-        """Share of each cell's area that the view's marker covers, or any marker, (k, p)."""
-        return self.rows[:, MARKER_SHARE]
-
-    @property
-    def body(self) -> Array:
-        """Share of each cell's area that all of the body covers, (k, p)."""
-        return self.rows[:, BODY_SHARE]
-
-    @property
-    def turn(self) -> Array:
-        """Angle about the axis from the marker's column, rad, (k, p)."""
-        return np.arctan2(self.rows[:, SINE], 1 - self.rows[:, VERSINE])
-
-    @property
-    def clear(self) -> Array:
-        """Distance from whatever else is there, the body's end or another marker's edge, in cells,
-        (k, p); negative inside it.
-        """
-        return self.rows[:, CLEARANCE]
-
-    @property
-    def marker_motion(self) -> Array:
-        """Derivative of `marker` by a motion of the handle (nu mm, omega rad), (k, 6, p)."""
-        return self.rows[:, MARKER_MOTION : MARKER_MOTION + 6]
-
-    @property
-    def body_motion(self) -> Array:
-        """Derivative of `body` by a motion of the handle, (k, 6, p)."""
-        return self.rows[:, BODY_MOTION : BODY_MOTION + 6]
 
 
 class Geometry(NamedTuple):
@@ -176,29 +122,6 @@ def _through_lens(camera: Camera, pixels: Array, uv: Array) -> tuple[Array, Arra
     # central differences over a pixel: exact but for the lens's curvature
     by_px = np.stack([ideal[:, -4] - ideal[:, -3], ideal[:, -2] - ideal[:, -1]], axis=2)
     return ideal[:, :-4].transpose(2, 0, 1), by_px
-
-
-def layers(
-    rig: Rig,
-    handle: Handle,
-    T_world_handle: RigidTransform,
-    views: Views,
-    at: Windows,
-    any_marker: bool = False,
-) -> Layers:
-    """What each cell of windows shows of the handle at a pose (see `Layers`).
-
-    With `any_marker` the neighbours of a view's marker count as it does, and are nothing else that
-    is in the way.
-    """
-    from . import loops
-
-    geometry = geometry_of(rig, handle, T_world_handle, views, at)
-    _, k, p = at.xy.shape
-    rows = np.empty((k, LAYERS, p))
-    lights = np.empty((k, 8, p))
-    loops.draw_all(at.xy, *geometry, any_marker, rows, lights)
-    return Layers(rows)
 
 
 def shading_basis(turn: Array) -> Array:

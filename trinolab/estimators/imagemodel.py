@@ -4,7 +4,7 @@ In each window the grey is
 
     marker * shading * m  +  (body * shading + gloss) * b  +  background * (1 - b),
 
-m and b being the shares of `appearance.layers` after a Gaussian blur, and the shading a sum of
+m and b being the shares that `loops.draw` gives after a Gaussian blur, and the shading a sum of
 `shading_basis`. The gloss is what varnish sends back of marker and body alike, whatever their paint,
 a sum of the same functions; it is in the model where the windows show it. These greys of a window are
 eliminated (Schur complement; Triggs et al. 2000, DOI 10.1007/3-540-44480-7_21), so that none has to

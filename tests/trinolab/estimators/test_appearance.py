@@ -1,6 +1,7 @@
 """Shares of pixels against the bench's rays, sampled densely: another algorithm."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from trinolab.bench.motion import random_pose
 from trinolab.bench.rays import EMPTY, cast, sample_offsets
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
-from trinolab.estimators.appearance import Views, layers, shading_basis, windows
+from trinolab.estimators import loops, rows
+from trinolab.estimators.appearance import Views, geometry_of, shading_basis, windows
 from trinolab.handle import slants
 
 HANDLE = load_handle("coded")
@@ -29,6 +31,34 @@ def views_of(rig, T_world_handle, steepest_deg=68.0):
         [camera.project(T_world_handle.apply(HANDLE.marker_centres)) for camera in rig.cameras]
     )[views]
     return views, windows(rig, views, uv, (SIDE, SIDE)), np.rad2deg(slant[views])
+
+
+class Drawn(NamedTuple):
+    """Layers of windows: shares of marker and body, their derivatives by a motion of the handle,
+    angle about the axis, rad, and distance from whatever else is there, in cells.
+    """
+
+    marker: np.ndarray
+    body: np.ndarray
+    marker_motion: np.ndarray
+    body_motion: np.ndarray
+    turn: np.ndarray
+    clear: np.ndarray
+
+
+def layers(rig, handle, pose, views, at, any_marker=False):
+    """The layers as `loops.draw` fills them."""
+    _, k, p = at.xy.shape
+    drawn, lights = np.empty((k, rows.LAYERS, p)), np.empty((k, 8, p))
+    loops.draw_all(at.xy, *geometry_of(rig, handle, pose, views, at), any_marker, drawn, lights)
+    return Drawn(
+        drawn[:, rows.MARKER_SHARE],
+        drawn[:, rows.BODY_SHARE],
+        drawn[:, rows.MARKER_MOTION : rows.MARKER_MOTION + 6],
+        drawn[:, rows.BODY_MOTION : rows.BODY_MOTION + 6],
+        np.arctan2(drawn[:, rows.SINE], 1 - drawn[:, rows.VERSINE]),
+        drawn[:, rows.CLEARANCE],
+    )
 
 
 def moved(step):
