@@ -31,6 +31,7 @@ from .outcome import Outcome, failed, finished
 # nbclient, nbformat and jupyter_client belong to the extra "book": imported where they are used.
 
 START_S = 60.0  # to start a kernel, or IPython
+NOT_STARTED = "Kernel died before replying to kernel_info"
 CAN_FORK = hasattr(os, "fork")  # Windows cannot
 
 quiet = logging.getLogger("trinolab.kernels")  # what nbclient says of a failure is in the outcome
@@ -128,8 +129,10 @@ def run_both(job: NotebookJob, parameters: Mapping[str, Any]) -> tuple[Outcome, 
     return tagged, run_whole(job._replace(keep=True), parameters)
 
 
-def run_whole(job: NotebookJob, parameters: Mapping[str, Any]) -> Outcome:
-    """Run all cells in a fresh kernel."""
+def run_whole(job: NotebookJob, parameters: Mapping[str, Any], starts: int = 3) -> Outcome:
+    """Run all cells in a fresh kernel, of which so many starts are tried: one that finds its ports
+    taken by another kernel dies before any cell runs.
+    """
     import nbformat
     from nbclient import NotebookClient
 
@@ -173,6 +176,8 @@ def run_whole(job: NotebookJob, parameters: Mapping[str, Any]) -> Outcome:
     finally:
         del _clients[client]
         _kill(client)
+    if NOT_STARTED in outcome.error and starts > 1 and job.sweep not in _ended:
+        return run_whole(job, parameters, starts - 1)
     return outcome._replace(notebook=nbformat.writes(notebook)) if job.keep else outcome
 
 
