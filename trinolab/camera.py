@@ -401,7 +401,7 @@ class Rig:
     cameras : tuple of Camera
     covariance : RigCovariance or None
         How well they are known; None where nobody has said it, which stands for a calibration of
-        usual quality (`uncertainty.usual`). `RigCovariance.exact` says that they are known exactly.
+        usual quality (`default_covariance`). `RigCovariance.exact` says that they are known exactly.
     reprojection_px : float or None
         What the calibration left between its own points and their images, where the rig's file
         says it: how good it was, if there is no covariance.

@@ -46,7 +46,7 @@ class Handle:
     placement_sigma_mm : float or None
         How well the markers are placed: standard deviation of each coordinate of each centre, mm;
         0 where they lie exactly where the layout says, None where nobody has said it, which stands
-        for a handle of usual quality (`uncertainty.usual`).
+        for a handle of usual quality (`default_covariance`).
     offsets_mm : tuple of (float, float, float)
         From the place that column and row state to each marker's own centre, handle frame, one a
         marker; empty where all lie where they should. A marker is wrapped on a cylinder about the

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from .camera import Camera, Rig, epipolar_lines, ideal_pixels_of, lines_of
 from .checks import Array, as_array, as_image, as_number, as_points, check_numbers, frozen
-from .uncertainty.systematic import offsets_of
+from .sensitivity import offsets_of
 
 # contrast of a window by its largest value; one grey level in one pixel of 16 bit is 1.5e-5
 FLAT = 1e-6

@@ -11,6 +11,7 @@ from scipy.spatial.transform import RigidTransform
 
 from .camera import Rig, as_rig
 from .checks import as_image, frozen
+from .default_covariance import known_covariance
 from .estimators import estimate
 from .estimators.identified import Identified
 from .handle import Handle, as_handle
@@ -22,7 +23,6 @@ from .matching import rig_candidates
 from .methods import PAPER
 from .parameters import Parameters
 from .pose import LOST, Pose
-from .uncertainty.usual import known_covariance
 from .window import Window
 
 
@@ -102,11 +102,11 @@ def measure(
         return Measurement(LOST, markers_by_camera, tuple(np.full(len(uv), -1) for uv in pixels))
     T, labels, sure = chosen(hypotheses, images, rig, handle, prior, p)
     uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
-    # the paper's method takes a rig that is stated to be exact as it is
-    if p.estimator != PAPER or not known_covariance(rig).is_exact:
-        rig, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
+    near = rig
+    if not known_covariance(rig).is_exact:
+        near, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
     # Eq. 19-24, or another estimator
-    pose = estimate(Identified(images, uv, T), rig, handle, p)
+    pose = estimate(Identified(images, uv, T, near), rig, handle, p)
     if not sure and pose is not LOST:
         pose = replace(pose, status="ambiguous")
     return Measurement(pose, markers_by_camera, labels)

@@ -38,7 +38,7 @@ MOVED = {
     "trinolab.slave.view": "workbench.teleop.view",
     "trinolab.studies": "workbench.studies",
     "trinolab.sweep": "workbench.sweep",
-    "trinolab.systematic": "trinolab.uncertainty.systematic",
+    "trinolab.systematic": "trinolab.sensitivity",
 }
 
 

@@ -4,7 +4,8 @@ paper's estimate.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -15,17 +16,38 @@ from .camera import Rig, image_of
 from .checks import Array, as_array, as_number, as_points, as_transform
 from .handle import Handle, slants
 from .rigid import cross_matrices, placed, rotation_of
+from .sensitivity import NOTHING, Response, response, systematic_covariance
 from .triangulation import (
     mean_of_pairs,
     mean_slopes,
     mean_with_covariance,
     pairs_with_slopes,
 )
-from .uncertainty.centroids import NOISE_PX, bias_covariance, centroid_covariance
-from .uncertainty.size import equally_seen, settled
-from .uncertainty.systematic import NOTHING, Response, is_uncertain, response, systematic_covariance
 
 SMALLEST_MM = 1e-9  # points that are nearer to a line than that lie on it
+
+
+class _Deferred:
+    """A covariance, or a function that computes it when it is first asked for."""
+
+    def __init__(self, default: Callable[[], Array] | None = None) -> None:
+        self.default = default
+
+    def __set_name__(self, owner: type, name: str) -> None:
+        self._name = f"_{name}"
+
+    def __get__(self, pose: object, owner: type) -> Array | Callable[[], Array]:
+        if pose is None:
+            if self.default is None:
+                raise AttributeError  # a field without a default
+            return self.default
+        value = pose.__dict__[self._name]
+        if callable(value):
+            value = pose.__dict__[self._name] = value()
+        return value
+
+    def __set__(self, pose: object, value: Array | Callable[[], Array]) -> None:
+        pose.__dict__[self._name] = value
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,14 +60,14 @@ class Pose:
         ``measured``, ``ambiguous`` (one of several equivalent poses), ``predicted`` or ``lost`` (no
         pose).
     T_world_handle : RigidTransform or None
-    covariance_random : ndarray, shape (6, 6)
+    covariance_random : ndarray, shape (6, 6), or callable
         Of position (mm) and rotation vector (rad), both in the world frame, by what is new in each
-        instant; NaN without a pose.
+        instant; NaN without a pose. A function is called when it is first asked for.
     residual_px : float
         Rms reprojection error of the markers used.
     markers, cameras : int
         How many were used.
-    systematic : ndarray, shape (6, 6)
+    systematic : ndarray, shape (6, 6), or callable
         The same by what all instants have in common, the errors of rig and marker layout; zeros
         where both are exact.
 
@@ -61,11 +83,11 @@ class Pose:
 
     status: str
     T_world_handle: RigidTransform | None
-    covariance_random: Array
+    covariance_random: Array | Callable[[], Array] = _Deferred()
     residual_px: float
     markers: int
     cameras: int
-    systematic: Array = field(default_factory=lambda: NOTHING)
+    systematic: Array | Callable[[], Array] = _Deferred(lambda: NOTHING)
 
     @property
     def covariance(self) -> Array:
@@ -319,7 +341,7 @@ def fit_pose(
         Markers turned further away are left out if four others remain.
     sigma_px : float
         Standard deviation of a pixel coordinate, for the covariance: of pixels that have noise and no
-        bias. What centroids have is counted by `pose_of_centroids`.
+        bias. What centroids have is counted by `estimators.paper`.
     known : RigidTransform, optional
         T_world_handle that says how far they are turned; by default a fit to all of them.
 
@@ -334,42 +356,8 @@ def fit_pose(
         return LOST
     T, uv_used, used, covariances, _ = fitted
     covariance = _fit_covariance(handle.marker_centres[used], T, covariances[used])
-    systematic = NOTHING
-    if is_uncertain(rig, handle):
-        answers = _response(fitted, handle)
-        left = equally_seen(_residuals_px(fitted, answers, rig), sigma_px)
-        rig_as_seen = settled(answers, left, T, rig, handle)
-        systematic = systematic_covariance(answers, rig_as_seen, handle)
+    systematic = systematic_covariance(_response(fitted, handle), rig, handle)
     return _measured_pose(T, covariance, uv_used, used, rig, handle, systematic)
-
-
-def pose_of_centroids(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0) -> Pose:
-    """The paper's estimate with the covariance that centroids of wrapped markers give it (Eq. 20-24).
-
-    The pose is that of `fit_pose`. Its centroids have a bias, which the paper's method leaves in; the
-    covariance says how large it may be (`uncertainty.centroids`). Parameters as for `fit_pose`.
-    """
-    fitted = _fitted(uv, rig, handle, max_slant_deg, 1.0, None)
-    if fitted is None:
-        return LOST
-    T, uv_used, used, *_ = fitted
-    answers = _response(fitted, handle)
-    residuals_px = _residuals_px(fitted, answers, rig)
-    bias = bias_covariance(answers, T, rig, handle)
-    left = equally_seen(residuals_px, NOISE_PX, bias.expected)
-    rig = settled(answers, left, T, rig, handle)
-    systematic = systematic_covariance(answers, rig, handle)
-    covariance, unexplained = centroid_covariance(answers, residuals_px, bias, T, rig, handle)
-    return _measured_pose(T, covariance, uv_used, used, rig, handle, systematic + unexplained)
-
-
-def _residuals_px(fitted: _Fitted, answers: Response, rig: Rig) -> Array:
-    """What is left of the centroids that a pose answers to, (k, 2)."""
-    predicted = np.empty_like(answers.points[:, :2])
-    for c, camera in enumerate(rig.cameras):
-        mine = answers.camera == c
-        predicted[mine] = image_of(camera, answers.points[mine])
-    return np.asarray(fitted.uv[answers.camera, answers.marker] - predicted)
 
 
 def fit_response(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0) -> Response:

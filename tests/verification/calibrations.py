@@ -35,7 +35,7 @@ from trinolab.pose import LOST, Pose, fit_pose
 from trinolab.rigid import motion_between
 from trinolab.uncertainty.contradiction import honest
 from trinolab.uncertainty.size import Residuals
-from trinolab.uncertainty.systematic import pixel_slopes
+from trinolab.sensitivity import pixel_slopes
 from workbench.studies.replication import EVERY
 
 # principal points (px) and directions (deg) of all cameras, places of the markers (mm)

@@ -36,7 +36,7 @@ from trinolab.handle import Handle, slants
 from trinolab.measurement import measure
 from trinolab.parameters import Parameters
 from trinolab.rigid import cross_matrices, motion_between
-from trinolab.uncertainty.systematic import systematic_covariance
+from trinolab.sensitivity import systematic_covariance
 from workbench.intervals import by_bootstrap
 
 RIGS, HANDLES = ("paper_pair", "raised_40deg"), ("coded", "paper")

@@ -21,10 +21,10 @@ from scipy.linalg import block_diag, null_space
 
 from ..camera import CAMERA_PARAMETERS, Rig
 from ..checks import Array, frozen
+from ..default_covariance import known_covariance, known_placement_mm
 from ..handle import Handle
 from ..rigid import cross_matrices
-from ..uncertainty.systematic import students_factor
-from ..uncertainty.usual import known_covariance, known_placement_mm
+from ..sensitivity import students_factor
 
 POSE = slice(9, 15)  # of a camera's parameters those of its place and direction
 _ROUNDING = 1e-12
@@ -61,7 +61,7 @@ class Prior(NamedTuple):
 
 def prior_of(rig: Rig, handle: Handle, length: Length | None = None) -> Prior:
     """What is known of a rig and a handle before: what they state, else what is usual
-    (`uncertainty.usual`).
+    (`default_covariance`).
 
     A rig that states nothing has the scale held by the distance of its first two cameras, if no
     other length is given. So does one that is stated to be exact, as the bench's is: who adjusts it

@@ -1,19 +1,18 @@
 """Better poses from the same images (beyond the paper): the estimators by name.
 
-``paper`` is the paper's own (Eq. 20-24, `pose.pose_of_centroids`); its check and each other one stand in a
+``paper`` is the paper's own (Eq. 20-24, `estimators.paper`); its check and each other one stand in a
 module of this folder, which is loaded when it is asked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from ..camera import Rig
 from ..handle import Handle
-from ..methods import BEST, PAPER
+from ..methods import PAPER
 from ..parameters import Parameters
-from ..pose import Pose, pose_of_centroids
+from ..pose import Pose
 from .identified import Identified
+from .paper import pose_of_centroids
 
 __all__ = ["Identified", "estimate"]
 
@@ -33,19 +32,13 @@ def estimate(instant: Identified, rig: Rig, handle: Handle, parameters: Paramete
     """
     p = parameters
     name = p.estimator or PAPER
-    if name == PAPER and not p.check:
-        return pose_of_centroids(instant.uv, rig, handle, p.max_slant_deg)
-    return _better(name)(instant, rig, handle, p)
+    if name != PAPER:
+        # loaded now, so that the paper's chain runs without it
+        from .fitted import fitted_pose
 
+        return fitted_pose(instant, rig, handle, p)
+    if p.check:
+        from .checked import checked_pose
 
-def _better(name: str) -> Callable[[Identified, Rig, Handle, Parameters], Pose]:
-    """The function of an estimator that reads pixels; its module is loaded now, so that the paper's
-    chain runs without it.
-    """
-    if name == BEST:
-        from .pixels import patches_pose as estimator
-    elif name == PAPER:
-        from .checked import checked_pose as estimator
-    else:
-        from .reprojection import reprojection_pose as estimator
-    return estimator
+        return checked_pose(instant, rig, handle, p)
+    return pose_of_centroids(instant.uv, rig, handle, p.max_slant_deg, instant.near)

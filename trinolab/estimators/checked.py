@@ -1,4 +1,4 @@
-"""The paper's estimate checked against the pixels: hidden markers are left out, the covariance
+"""The paper's estimate checked against the pixels: hidden markers are left out, and the covariance
 knows of the bias.
 """
 
@@ -8,15 +8,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..camera import Rig
-from ..checks import Array
+from ..camera import Rig, displaced
 from ..handle import Handle
 from ..parameters import Parameters
-from ..pose import LOST, Pose, fit_response, pose_of_centroids
+from ..pose import LOST, Pose, fit_pose
 from ..rigid import apart, motion_between
-from ..uncertainty.systematic import Response, is_uncertain, known_errors
+from .fitted import fitted
 from .identified import Identified
-from .pixels import fit_patches, judged
+from .paper import pose_of_centroids
+from .pixels import judged
 
 APART_MM = 1.5  # a little less than what a measured pose may be off
 APART_RAD = np.deg2rad(4.0)  # likewise
@@ -27,60 +27,27 @@ def checked_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -
     shows that, see `Fit`.
 
     The paper has no test of a pose. Here it is lost if the image model, where it applies, leads far
-    away from it. How large its centroids' bias may be is in its covariance; where the image model
-    applies, the bias itself is known: the mean square of the error is that of the better pose, and the
-    square of the way from there.
+    away from it with the same rig. Where the image model applies, the pose is known better: the mean square of the error
+    is that of the better pose, and the square of the way from there.
     """
-    check = fit_patches(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg)
-    if check is not None and check.refused:
-        return LOST
-    if check is None or not check.shown.any():
-        return pose_of_centroids(instant.uv, rig, handle, p.max_slant_deg)
+    found = fitted(instant, rig, handle, p)
+    if found is None or not found[0].shown.any():
+        return pose_of_centroids(instant.uv, rig, handle, p.max_slant_deg, instant.near)
+    fit, assessment = found
+    better = judged(fit, assessment)
     uv = instant.uv.copy()
-    uv[check.views.camera[~check.shown], check.views.marker[~check.shown]] = np.nan
-    pose = pose_of_centroids(uv, rig, handle, p.max_slant_deg)
-    better = judged(check)
+    hidden = ~fit.shown
+    uv[fit.views.camera[hidden], fit.views.marker[hidden]] = np.nan
+    pose = pose_of_centroids(uv, rig, handle, p.max_slant_deg, instant.near)
     if pose.T_world_handle is None or better.T_world_handle is None:
         return pose
-    # the rig's errors move both alike, until one of them is corrected by what its residuals say
-    T_alike = better.T_world_handle if check.T_by_noise is None else check.T_by_noise
-    if apart(pose.T_world_handle, T_alike, APART_MM, APART_RAD):
+    there = fit_pose(uv, displaced(rig, assessment.displacement), handle, p.max_slant_deg)
+    T_there = there.T_world_handle
+    if T_there is None or apart(T_there, better.T_world_handle, APART_MM, APART_RAD):
         return LOST
     away = motion_between(pose.T_world_handle, better.T_world_handle)
-    systematic = better.systematic
-    if check.answers is not None and check.rig is not None and is_uncertain(rig, handle):
-        response = fit_response(uv, rig, handle, p.max_slant_deg)
-        away, learnt = _told(away, response, check.answers, pose, better, check.rig, handle)
-        systematic = systematic - learnt
     return replace(
         pose,
         covariance_random=better.covariance_random + np.outer(away, away),
-        systematic=systematic,
+        systematic=better.systematic,
     )
-
-
-def _told(
-    away: Array,
-    found: Response,
-    answers: Response,
-    pose: Pose,
-    better: Pose,
-    rig: Rig,
-    handle: Handle,
-) -> tuple[Array, Array]:
-    """What the way from the better pose to the paper's says of the errors of rig and layout, which
-    move both: the way from where the truth is to be expected then, and by how much less the better
-    pose owes to them (the mean and the covariance of a normal distribution, given another's value).
-    """
-    both = Response(
-        np.concatenate([found.gain, answers.gain], axis=1),
-        *(np.concatenate(parts) for parts in zip(found[1:], answers[1:], strict=True)),
-    )
-    V = known_errors(both, rig, handle)
-    ours = answers.gain.reshape(6, -1)
-    of_better = np.hstack([np.zeros((6, len(V) - ours.shape[1])), ours])
-    of_way = np.hstack([found.gain.reshape(6, -1), -ours])
-    common = of_better @ V @ of_way.T
-    total = pose.covariance_random + better.covariance_random + of_way @ V @ of_way.T
-    gain = np.linalg.solve(total, common.T).T
-    return away + gain @ away, gain @ common.T

@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
+from ..camera import Rig
 from ..checks import Array
 
 
@@ -22,6 +23,9 @@ class Identified(NamedTuple):
         Pixels of the markers found; NaN where a camera has none.
     T_world_handle : RigidTransform
         The pose that identified them.
+    near : Rig
+        The rig as the markers of this instant leave it, see `identity.reconcile`: with which a fit
+        begins. The rig that is given where that is exact.
     motion_blur : (ndarray, ndarray) or None
         The motion expected while the shutter is open, for the estimators that fit pixels, see
         `pixels.fit_patches`.
@@ -30,4 +34,5 @@ class Identified(NamedTuple):
     images: Sequence[np.ndarray]
     uv: Array
     T_world_handle: RigidTransform
+    near: Rig
     motion_blur: tuple[Array, Array] | None = None

@@ -14,7 +14,7 @@ from ..camera import Rig, image_of
 from ..checks import Array
 from ..handle import Handle, angles_to
 from ..rigid import rotation_of, shifted
-from ..uncertainty.systematic import motion_slopes
+from ..sensitivity import motion_slopes
 from .appearance import Views, Windows, windows
 
 LARGEST_PX = 120.0  # a marker's image beyond which its window no longer grows

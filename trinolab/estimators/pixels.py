@@ -19,15 +19,12 @@ from ..camera import Rig
 from ..checks import Array
 from ..datasets import load_handle, load_rig, load_table1
 from ..handle import Handle
-from ..parameters import Parameters
 from ..pose import LOST, Pose
 from ..rigid import placed, rotation_matrix, rotation_of
+from ..sensitivity import Response, slopes_at
+from ..uncertainty.assessment import Assessment, LinearFit
 from ..uncertainty.centroids import pulled_alike
-from ..uncertainty.contradiction import honest
-from ..uncertainty.size import Residuals
-from ..uncertainty.systematic import NOTHING, Response, contradict, is_uncertain, slopes_at
 from .appearance import Views
-from .identified import Identified
 from .imagemodel import (
     LEAST_GAIN,
     Linear,
@@ -63,6 +60,8 @@ SETTLED_MOVING_PX = 0.3
 SETTLED_SIGMAS = 1.0
 NEXT_SIGMAS = 0.4
 
+# A pose is lost if it is a false one with a larger probability, see `uncertainty.Assessment.wrong`.
+MOST_WRONG = 0.1
 LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
 BLUR_FLOOR = 0.001  # and this share of the way that it moves while the shutter is open
 
@@ -100,21 +99,11 @@ class Fit(NamedTuple):
         Whether there is a marker like the others at all.
     residual_px : float
         Rms distance of the markers shown from where the pose predicts them.
-    systematic : ndarray, shape (6, 6)
-        See `pose.Pose`.
-    refused : bool
-        Whether its views contradict each other too much, see `uncertainty.contradiction`.
-    answers : Response or None
-        Where errors of rig and layout, or contradictions, are counted.
-    rig : Rig or None
-        Likewise: with a covariance whose size is settled, see `uncertainty.size.settled`; None where the
-        rig is contradicted.
+    linear : LinearFit
+        To first order, for `uncertainty.assess`.
     smear_px : float
         How long the markers are smeared in the camera where that is most: of a handle that moves by
         its motion, of one that is still where it was asked for; else NaN.
-    T_by_noise : RigidTransform or None
-        The pose before it was corrected by what its residuals say of rig and layout; None where it
-        was not.
     """
 
     T_world_handle: RigidTransform
@@ -123,12 +112,8 @@ class Fit(NamedTuple):
     misfit: Array
     shown: np.ndarray
     residual_px: float
-    systematic: Array = NOTHING
-    refused: bool = False
-    answers: Response | None = None
-    rig: Rig | None = None
+    linear: LinearFit
     smear_px: float = np.nan
-    T_by_noise: RigidTransform | None = None
 
 
 class _Taken(NamedTuple):
@@ -173,7 +158,6 @@ def fit_patches(
     motion_blur: tuple[Array, Array] | None = None,
     smear_above: float = np.inf,
     is_far: bool = False,
-    corrects: bool = True,
 ) -> Fit | None:
     """Improve a pose by the pixels about all markers that it shows.
 
@@ -195,9 +179,6 @@ def fit_patches(
         none.
     is_far : bool
         Whether the start of a handle that moves may be several pixels off: coarse cells come first.
-    corrects : bool
-        Whether the pose is corrected by what its residuals say of rig and layout, see
-        `uncertainty.contradiction.honest`.
 
     Returns
     -------
@@ -206,12 +187,12 @@ def fit_patches(
     """
     if motion_blur is not None:
         rounds = (COARSE, FINE) if is_far else (FINE,)
-        return _moving_fit(images, rig, handle, start, max_slant_deg, motion_blur, rounds, corrects)
+        return _moving_fit(images, rig, handle, start, max_slant_deg, motion_blur, rounds)
     windows = patches(images, rig, handle, start, max_slant_deg)
     taken = _fitted(first_state(start, rig), windows, rig, handle, MOST_STEPS)
     if taken is None:
         return None
-    return _fit_of(_concluded(taken, windows, rig), taken.after, rig, handle, corrects, smear_above)
+    return _fit_of(_concluded(taken, windows, rig), taken.after, rig, handle, smear_above)
 
 
 @cache
@@ -234,7 +215,6 @@ def _moving_fit(
     max_slant_deg: float,
     motion_blur: tuple[Array, Array],
     rounds: Sequence[Round],
-    corrects: bool,
 ) -> Fit | None:
     """The fit of a handle that moves while the shutter is open, in rounds: the windows of each lie
     where the one before has the markers.
@@ -254,7 +234,7 @@ def _moving_fit(
     taken = _fitted(state, windows, rig, handle, last.steps)
     if taken is None:
         return None
-    return _fit_of(_concluded(taken, windows, rig), taken.after, rig, handle, corrects)
+    return _fit_of(_concluded(taken, windows, rig), taken.after, rig, handle)
 
 
 def _moving_windows(
@@ -331,7 +311,6 @@ def _fit_of(
     after: State,
     rig: Rig,
     handle: Handle,
-    corrects: bool,
     smear_above: float = np.inf,
 ) -> Fit:
     """What the last step says: the pose with its covariance, and which views show a marker."""
@@ -339,7 +318,6 @@ def _fit_of(
     motion = None if after.motion_blur is None else after.motion_blur.motion
     windows = last.patches
     visible = marker_is_shown(last.model, handle)
-    still_asked, chi_square = _still_asked(last, rig)
     # the weights are older than the step
     spread = float(np.median(misfit(last.model)[visible])) if visible.any() else 1.0
     # where the steps ran out, the pose is still off by as many sigmas as the last one was long
@@ -350,16 +328,22 @@ def _fit_of(
     answers = _response(last, motions, rig, T)
     pulls = _pulls(last, information, rig, handle, T)
     covariance = covariance + answers.covariance_by(pulls)
-    residuals_px = still_asked * windows.px_per_mm
-    fit = judged_fit(T, covariance, windows.views, last.model, visible, residuals_px)
+    used = visible & (last.weight > 0)
+    rows = used.repeat(2)
+    linear = LinearFit(
+        T,
+        covariance,
+        answers.part(used),
+        _shifts(last, motions, information, rig)[used],
+        _noise(last, information, spread, pulls)[np.ix_(rows, rows)],
+        _explained(last, motions, information, rig)[used].reshape(int(rows.sum()), -1),
+    )
+    residuals_px = _still_asked_mm(last, rig) * windows.px_per_mm
+    fit = judged_fit(linear, windows.views, last.model, visible, residuals_px)
     if motion is not None:
         fit = fit._replace(smear_px=_longest_way_px(windows, motion))
     elif visible.any() and np.median(fit.misfit[visible]) >= smear_above:
         fit = fit._replace(smear_px=_smear_px(last, rig))
-    freedom = 2 * int(visible.sum()) - 6
-    if is_uncertain(rig, handle) or contradict(chi_square[visible].sum() / spread, freedom):
-        residuals = _residuals(last, motions, information, rig, visible / spread, pulls)
-        return counted(fit, answers, residuals, rig, handle, corrects)
     return fit
 
 
@@ -423,15 +407,35 @@ def _response(last: _Step, motions: Array, rig: Rig, T: RigidTransform) -> Respo
     )
 
 
-def _residuals(
-    last: _Step, motions: Array, information: Array, rig: Rig, counts: Array, common: Array
-) -> Residuals:
-    """The shifts that windows still ask for after the last step, times `counts` (k,)."""
-    windows = last.patches
-    asked = motions.mT @ _asked(last.normal, _own(last.step, windows.views.camera, rig))[..., None]
-    shift = np.linalg.solve(information, asked)[..., 0]
-    weighed = (counts * last.weight)[:, None, None] * information
-    return Residuals(np.asarray(shift), weighed, common)
+def _shifts(last: _Step, motions: Array, information: Array, rig: Rig) -> Array:
+    """The shifts that windows still ask for after the last step, (k, 2), px."""
+    own = _own(last.step, last.patches.views.camera, rig)
+    asked = motions.mT @ _asked(last.normal, own)[..., None]
+    return np.asarray(np.linalg.solve(information, asked)[..., 0])
+
+
+def _noise(last: _Step, information: Array, spread: float, pulls: Array) -> Array:
+    """Covariance of the windows' places, (2 k, 2 k), px^2: by their noise, and by what columns of
+    them have in common.
+    """
+    k = len(information)
+    weight = np.maximum(last.weight, 1e-12) / spread
+    each = np.arange(k)
+    blocks = np.zeros((k, 2, k, 2))
+    blocks[each, :, each] = np.linalg.inv(weight[:, None, None] * information)
+    return np.asarray(blocks.reshape(2 * k, -1) + pulls)
+
+
+def _explained(last: _Step, motions: Array, information: Array, rig: Rig) -> Array:
+    """The shifts that windows answer to a motion of the handle, to its motion blur, and to their
+    camera's blur: (k, 2, m).
+
+    A window knows more than its shift: its answer is that of its own least squares.
+    """
+    camera = last.patches.views.camera
+    answers = np.linalg.solve(information, motions.mT @ last.normal.information[:, :3])
+    mine = (camera[:, None] == np.arange(len(rig.cameras)))[:, None]
+    return np.concatenate([answers[:, :, :-1], answers[:, :, -1:] * mine], axis=2)
 
 
 def _information_px(normal: Reduced, motions: Array) -> Array:
@@ -526,39 +530,12 @@ def _expect(
 
 
 def judged_fit(
-    T_world_handle: RigidTransform,
-    covariance: Array,
-    views: Views,
-    at: Linear,
-    shown: np.ndarray,
-    residuals_px: Array,
+    linear: LinearFit, views: Views, at: Linear, shown: np.ndarray, residuals_px: Array
 ) -> Fit:
     """A fit with the rms of the residuals (k,) over the views that show a marker."""
     residual = float(np.sqrt(np.mean(residuals_px[shown] ** 2))) if shown.any() else np.nan
-    return Fit(T_world_handle, covariance, views, misfit(at), shown, residual)
-
-
-def counted(
-    fit: Fit,
-    answers: Response,
-    residuals: Residuals,
-    rig: Rig,
-    handle: Handle,
-    corrects: bool = True,
-) -> Fit:
-    """A fit with the errors of rig and layout, and its views' contradictions, in its covariances; if
-    `corrects`, with a pose that is corrected by them.
-    """
-    whole = honest(fit.covariance, answers, residuals, fit.T_world_handle, rig, handle, corrects)
-    return fit._replace(
-        T_world_handle=whole.T_world_handle,
-        covariance=whole.covariance,
-        systematic=whole.systematic,
-        refused=whole.refused,
-        answers=whole.answers,
-        rig=whole.rig,
-        T_by_noise=fit.T_world_handle,
-    )
+    T, covariance = linear.T_world_handle, linear.covariance
+    return Fit(T, covariance, views, misfit(at), shown, residual, linear)
 
 
 def moved(T_world_handle: RigidTransform, step: Array) -> RigidTransform:
@@ -590,14 +567,11 @@ def _asked(normal: Reduced, step: Array) -> Array:
     return normal.gradient[:, :3] - (normal.information[:, :3] @ step[..., None])[..., 0]
 
 
-def _still_asked(last: _Step, rig: Rig) -> tuple[Array, Array]:
-    """How far each marker's window alone would still move the handle after the last step, shape
-    (k,), mm, and the chi-square of that, shape (k,).
-    """
+def _still_asked_mm(last: _Step, rig: Rig) -> Array:
+    """How far each marker's window alone would still move the handle after the last step, (k,)."""
     along = np.linalg.pinv(last.normal.information[:, :3, :3], rcond=1e-2, hermitian=True)
     asked = _asked(last.normal, _own(last.step, last.patches.views.camera, rig))
-    motion = (along @ asked[..., None])[..., 0]
-    return np.linalg.norm(motion, axis=1), last.weight * (motion * asked).sum(axis=1)
+    return np.asarray(np.linalg.norm((along @ asked[..., None])[..., 0], axis=1))
 
 
 def _assembled(normal: Reduced, trust: Array, camera: np.ndarray, rig: Rig) -> tuple[Array, Array]:
@@ -629,36 +603,19 @@ def both_in_world(T_world_handle: RigidTransform) -> Array:
     return turn
 
 
-def judged(fit: Fit | None) -> Pose:
-    """A measured pose if enough views show what it predicts, fix it, and do not contradict each
-    other too much, else `pose.LOST`.
+def judged(fit: Fit, found: Assessment) -> Pose:
+    """A measured pose if enough views show what it predicts and fix it, and it is hardly a false one;
+    else `pose.LOST`.
     """
-    if (
-        fit is None
-        or fit.refused
-        or fit.shown.sum() < 4
-        or len(np.unique(fit.views.marker[fit.shown])) < 3
-    ):
+    markers = len(np.unique(fit.views.marker[fit.shown]))
+    if fit.shown.sum() < 4 or markers < 3 or found.wrong > MOST_WRONG:
         return LOST
     return Pose(
         "measured",
-        fit.T_world_handle,
-        fit.covariance,
+        found.T_world_handle,
+        found.covariance_random,
         fit.residual_px,
-        len(np.unique(fit.views.marker[fit.shown])),
+        markers,
         len(np.unique(fit.views.camera[fit.shown])),
-        fit.systematic,
+        found.systematic,
     )
-
-
-def patches_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    """The estimator ``patches``: see `fit_patches`."""
-    fit = fit_patches(
-        instant.images,
-        rig,
-        handle,
-        instant.T_world_handle,
-        p.max_slant_deg,
-        instant.motion_blur,
-    )
-    return judged(fit)

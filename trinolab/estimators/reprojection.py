@@ -7,20 +7,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.linalg import block_diag
 from scipy.spatial.transform import RigidTransform
 
 from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
-from ..parameters import Parameters
-from ..pose import Pose
 from ..rigid import motion_between
+from ..sensitivity import Response, response
+from ..uncertainty.assessment import LinearFit
 from ..uncertainty.centroids import pulled_alike
-from ..uncertainty.size import Residuals
-from ..uncertainty.systematic import Response, contradict, is_uncertain, response
 from .appearance import Views
 from .centroids import predict_centroids, register
-from .identified import Identified
 from .imagemodel import first_state, has_gloss, inverse, marker_is_shown, marker_shading, misfit
 from .patches import patches
 from .pixels import (
@@ -28,9 +26,7 @@ from .pixels import (
     MOST_STEPS,
     Fit,
     both_in_world,
-    counted,
     in_world,
-    judged,
     judged_fit,
     moved,
 )
@@ -84,19 +80,21 @@ def fit_centroids(
         return None
     answers = response_of_pixels(registered.uv, spread_px, rig, handle, windows.views, T, shading)
     pulls = pulled_alike(*windows.views, registered.more_px2, T, rig, handle)
-    covariance = covariance + answers.covariance_by(pulls)
-    residual = registered.uv - predict_centroids(rig, handle, T, windows.views, shading)[0]
+    predicted, by_motion = predict_centroids(rig, handle, T, windows.views, shading)
+    residual = registered.uv - predicted
     visible = marker_is_shown(registered.at, handle)
-    fit = judged_fit(
-        T, covariance, windows.views, registered.at, visible, np.linalg.norm(residual, axis=1)
+    used = np.asarray(visible & np.isfinite(residual).all(axis=1))
+    rows = used.repeat(2)
+    linear = LinearFit(
+        T,
+        covariance + answers.covariance_by(pulls),
+        answers.part(used),
+        residual[used],
+        block_diag(*spread_px[used]) + pulls[np.ix_(rows, rows)],
+        by_motion[used].reshape(-1, 6),
     )
-    W = inverse(spread_px)
-    counts = np.asarray(visible & np.isfinite(residual).all(axis=1))
-    chi_square = float(np.einsum("ki,kij,kj->", residual[counts], W[counts], residual[counts]))
-    if is_uncertain(rig, handle) or contradict(chi_square, 2 * int(counts.sum()) - 6):
-        residuals = Residuals(np.nan_to_num(residual), W * counts[:, None, None], pulls)
-        return counted(fit, answers, residuals, rig, handle)
-    return fit
+    residuals_px = np.linalg.norm(residual, axis=1)
+    return judged_fit(linear, windows.views, registered.at, visible, residuals_px)
 
 
 def fit_pixels(
@@ -175,10 +173,3 @@ def response_of_pixels(
     _, gain, _ = _normal(uv, inverse(covariance), predicted, J, huber)
     gain = np.einsum("ab,bkd->akd", both_in_world(T), gain)
     return response(gain, views.camera, views.marker, handle, T)
-
-
-def reprojection_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    """The estimator ``reprojection``: see `fit_centroids`."""
-    return judged(
-        fit_centroids(instant.images, rig, handle, instant.T_world_handle, p.max_slant_deg)
-    )

@@ -17,8 +17,8 @@ import pandas as pd
 
 from ..camera import Rig
 from ..checks import Array
-from ..uncertainty.systematic import pixel_slopes
-from ..uncertainty.usual import known_covariance
+from ..default_covariance import known_covariance
+from ..sensitivity import pixel_slopes
 from .sync import Offsets, significant
 
 # By how much a handle turns for a share of its distance that it is wrong by: 1 to 3 on simulated

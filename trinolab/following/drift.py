@@ -26,7 +26,7 @@ from ..handle import Handle
 from ..identity.hypotheses import Poses
 from ..identity.parameters import IdentityParameters
 from ..identity.reconcile import fit_with_offsets
-from ..uncertainty.systematic import contradicting, pixel_slopes
+from ..sensitivity import contradicting, pixel_slopes
 
 BLOCK = 5  # instants of which the middle one counts: a wrong marker does not last
 FEWEST = 4  # blocks on either side of a change

@@ -18,6 +18,7 @@ from scipy.spatial.transform import RigidTransform
 from ..blobs import RING_PX
 from ..camera import Camera, Rig
 from ..checks import Array, frozen
+from ..default_covariance import known_covariance
 from ..estimators import estimate
 from ..estimators.identified import Identified
 from ..estimators.pixels import Fit, fit_patches, judged
@@ -30,8 +31,7 @@ from ..markers import Markers, markers_at
 from ..methods import BEST
 from ..pose import LOST, Pose, fit_pose
 from ..rigid import apart, motion_between, placed, shifted
-from ..uncertainty.systematic import NOTHING, offsets_at
-from ..uncertainty.usual import known_covariance
+from ..sensitivity import NOTHING, offsets_at
 from ..window import Window
 from .parameters import FollowParameters
 from .posefilter import Motion, is_new, update

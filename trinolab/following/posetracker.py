@@ -26,7 +26,7 @@ from ..measurement import Measurement, as_images, measure
 from ..methods import BEST
 from ..pose import LOST, Pose
 from ..rigid import apart
-from ..uncertainty.systematic import NOTHING
+from ..sensitivity import NOTHING
 from ..window import Window
 from . import posefilter
 from .look import (

@@ -26,6 +26,7 @@ from ..calibration.prior import Length, Prior, prior_of
 from ..camera import Rig, RigCovariance
 from ..checks import Array, as_number, as_whole
 from ..datasets import handle_file, handle_of, rig_file, rig_of
+from ..default_covariance import assumed
 from ..files.kept import locked
 from ..files.outputs import write_together
 from ..files.poses import transforms
@@ -34,7 +35,6 @@ from ..files.recording import Recording, open_recording, parts_of_folder, some_i
 from ..files.rigs import covariance_text, handle_text, rig_text
 from ..handle import Handle
 from ..methods import BEST
-from ..uncertainty.usual import assumed
 from .centres import MAX_WAY_PX, Motion, measured_centres, motion, spread_out
 from .losses import lost_lines
 from .parameters import FollowParameters

@@ -22,6 +22,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 from ..camera import Rig
 from ..checks import Array
 from ..datasets import handle_file, handle_of, rig_file, rig_of
+from ..default_covariance import assumed
 from ..files import limits
 from ..files.kept import KeptLines
 from ..files.outputs import check_targets, write_together
@@ -48,8 +49,7 @@ from ..handle import Handle
 from ..identity import labelled_pixels
 from ..methods import DEFAULT, estimator_of
 from ..pose import Pose, fit_pose
-from ..uncertainty.systematic import is_uncertain
-from ..uncertainty.usual import assumed
+from ..sensitivity import is_uncertain
 from . import drift, posetracker
 from .clocks import late_lines, widened
 from .losses import lost_lines

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from ..camera import Rig
 from ..checks import Array
-from ..uncertainty.systematic import ImageOffsets
+from ..sensitivity import ImageOffsets
 from .layout import Layout, Views
 from .parameters import IdentityParameters
 

@@ -18,7 +18,7 @@ from ..camera import Rig
 from ..checks import Array, as_array, as_transform
 from ..handle import Handle
 from ..rigid import placed
-from ..uncertainty.systematic import offsets_of
+from ..sensitivity import offsets_of
 from .hypotheses import Explained, Observed, Poses, ideal_pixels
 from .layout import layout_of, views_of
 from .parameters import IdentityParameters

@@ -1,44 +1,30 @@
 """The rig as the pixels of one instant leave it.
 
-Where several cameras see the handle, the rig's errors show: one image has it a little higher than
-the others allow. What shows is no longer an error, it is measured, and the rig is corrected by it
-as far as its covariance lets that be (the update of a Kalman filter, whose state is the rig). What
-a motion of the handle explains as well does not show, and stays in the covariance. Where more shows
-than the covariance makes likely, the rig is worse known than its file says, also in what does not
-show: its covariance is scaled by that (Birge 1932, DOI 10.1103/PhysRev.40.207). Where the size of
-the covariance is itself hardly known, as for a rig whose file says nothing, what shows is counted
-together with what was assumed, each with its degrees of freedom. A rig that is said to be exact gets
-a covariance only where it is contradicted: offsets of all images that are as large as those that
-show.
+Where several cameras see the handle, the rig's errors show: one image has it a little higher than the
+others allow. The rig is corrected by that as far as its covariance lets that be (the update of a
+Kalman filter, whose state is the rig): a fit of pixels begins there, since pixels are linear over less
+than a rig may be off.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from ..camera import CAMERA_PARAMETERS, Rig, RigCovariance, displaced
+from ..camera import Rig, displaced
 from ..checks import Array
+from ..default_covariance import known_covariance, known_placement_mm
 from ..handle import Handle
 from ..rigid import placed
-from ..uncertainty.systematic import (
-    contradict,
-    contradicting,
-    offsets_at,
-    pixel_slopes,
-)
-from ..uncertainty.usual import known_covariance, known_placement_mm
+from ..sensitivity import contradicting, offsets_at, students_factor
 from .hypotheses import FAR, Poses, ideal_pixels, predict, slopes, weights
 from .layout import layout_of, views_of
 from .parameters import IdentityParameters
 
 STEPS = 3  # Gauss-Newton
 HUBER = 3.0  # standard deviations beyond which a marker counts for less
-FEWEST_MARKERS = 2  # that a camera must show to contradict another
-PRINCIPAL_POINT = slice(2, 4)  # in `CAMERA_PARAMETERS`
 EXACT_PX2 = 1e-6  # variance of an offset that the rig's covariance says is none
 
 
@@ -72,8 +58,7 @@ def reconciled(
     Parameters
     ----------
     rig : Rig
-        If it is exact nothing is corrected, unless the images contradict each other by more than
-        centroids may be off, all biases included (`p.sigma_px`).
+        If it is exact nothing is corrected.
     handle : Handle
         What its markers' places make of a pixel counts as noise.
     uv : ndarray, shape (cameras, markers, 2)
@@ -87,82 +72,23 @@ def reconciled(
     Returns
     -------
     rig : Rig
-        With the covariance that is left.
     T_world_handle : RigidTransform
         As the corrected rig has it.
     """
-    matrix = T_world_handle.as_matrix()[None]
-    poses = Poses(matrix[:, :3, :3], matrix[:, :3, 3])
-    sized = False
-    if known_covariance(rig).is_exact and _exceeds_biases(rig, handle, uv, poses, p):
-        rig = _doubted(rig, handle, uv, poses, p)
-        sized = True
     offsets = offsets_at(rig, T_world_handle.translation)
     if offsets is None:
         return rig, T_world_handle
-    stated = known_covariance(rig)
+    matrix = T_world_handle.as_matrix()[None]
+    poses = Poses(matrix[:, :3, :3], matrix[:, :3, 3])
     basis = contradicting(offsets.by_position)
-    m = basis.shape[1]
-    shifts = basis.T @ offsets.by_parameters
-    before = shifts @ stated.matrix @ shifts.T + EXACT_PX2 * np.eye(m)
-    prior = np.linalg.inv(before)
+    covariance = basis.T @ offsets.covariance @ basis + EXACT_PX2 * np.eye(basis.shape[1])
+    prior = np.linalg.inv(covariance)
     fit = fit_with_offsets(rig, handle, poses, uv[None], basis[None], prior, sigma_px, p)
-    surprise = float(fit.size[0] @ prior @ fit.size[0])
-    # of an offset that no camera shows nothing is learnt
-    shown = m - float(np.trace(prior @ fit.covariance[0]))
-    scale, freedom = 1.0, stated.freedom
-    if np.isfinite(freedom) and not sized:
-        scale, freedom = (freedom + surprise) / (freedom + shown), freedom + shown
-    elif contradict(surprise, m):
-        scale, freedom = max(surprise / shown, 1.0), shown
-    if scale != 1:
-        prior = prior / scale
-        fit = fit_with_offsets(rig, handle, poses, uv[None], basis[None], prior, sigma_px, p)
-    known = scale * stated.matrix
-    gain = known @ shifts.T @ prior
-    learnt = gain @ (scale * before - fit.covariance[0]) @ gain.T
-    remaining = replace(stated, matrix=known - (learnt + learnt.T) / 2, freedom=freedom)
+    known = known_covariance(rig)
+    by_parameters = basis.T @ offsets.by_parameters
+    gain = students_factor(known.freedom) * known.matrix @ by_parameters.T @ prior
     T = placed(fit.poses.translations[0], fit.poses.rotations[0])
-    return replace(displaced(rig, gain @ fit.size[0]), covariance=remaining), T
-
-
-def _exceeds_biases(
-    rig: Rig, handle: Handle, uv: Array, poses: Poses, p: IdentityParameters
-) -> bool:
-    """Whether markers lie so far from where a pose predicts them that offsets may explain it: by
-    their chi-square, which no fit of offsets lowers by more than itself. Most instants end here.
-    """
-    views = views_of(rig)
-    predicted = predict(poses, views, layout_of(handle, p))
-    residuals = ideal_pixels(rig, list(uv)) - predicted.uv[0]
-    squares = np.where(np.abs(residuals[:, 0]) < FAR / 2, (residuals**2).sum(axis=1), 0.0)
-    chi_square = float((weights(predicted.facing[0], p) * squares).sum()) / p.sigma_px**2
-    return contradict(chi_square, 2 * len(uv) - 3)
-
-
-def _doubted(rig: Rig, handle: Handle, uv: Array, poses: Poses, p: IdentityParameters) -> Rig:
-    """An exact rig with the covariance that its contradictions say, if two cameras or more show
-    enough markers to contradict each other.
-    """
-    seeing = np.flatnonzero(np.isfinite(uv).all(axis=2).sum(axis=1) >= FEWEST_MARKERS)
-    if len(seeing) < 2:
-        return rig
-    cameras = tuple(rig.cameras[c] for c in seeing)
-    by_position = np.concatenate([pixel_slopes(c, poses.translations)[1][0] for c in cameras])
-    basis = contradicting(by_position)
-    m = basis.shape[1]
-    free = np.zeros((m, m))
-    partial_rig = Rig(cameras)
-    fit = fit_with_offsets(
-        partial_rig, handle, poses, uv[None, seeing], basis[None], free, p.sigma_px, p
-    )
-    size = fit.size[0]
-    if not contradict(float(size @ np.linalg.solve(fit.covariance[0], size)), m):
-        return rig
-    variances = np.zeros((len(rig.cameras), len(CAMERA_PARAMETERS)))
-    variances[:, PRINCIPAL_POINT] = float(size @ size) / m
-    covariance = RigCovariance(rig.names, np.diag(variances.ravel()), m, doubted=True)
-    return replace(rig, covariance=covariance)
+    return displaced(rig, gain @ fit.size[0]), T
 
 
 def fit_with_offsets(

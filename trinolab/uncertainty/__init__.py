@@ -1,5 +1,7 @@
-"""What a pose owes to what it is made of: `systematic`, how the errors of a rig and of a handle's
-layout reach the pixels and the pose; `usual`, what is taken for those that state nothing; `size`, how
-large the errors are by what is seen; `centroids`, the bias that the centroids of wrapped markers have
-in common.
+"""How far a fitted pose may be off: `assess` fits once more, by marginal least squares, all that a
+fit by the noise leaves out: the errors of rig and layout, and faults that nobody states.
 """
+
+from .assessment import Assessment, LinearFit, assess, refitted
+
+__all__ = ["Assessment", "LinearFit", "assess", "refitted"]

@@ -24,7 +24,7 @@ of the pulls of two neighbouring views is 0.94 of their square, of the two rows 
 of a view 40 or 90 deg higher 0.54; 270 to 360 pairs each.) No two columns tell of each other.
 
 How large both pulls are depends on the light and on the varnish, which nobody states. It is hardly
-known, and what is left over tells how large they are (`size`), beside noise of its own size.
+known: its size is averaged over what the images say (`components.LIGHT`).
 """
 
 from __future__ import annotations
@@ -38,16 +38,14 @@ from scipy.special import j1
 from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
-from .contradiction import contradictions
-from .size import doubted, equally_seen, likely_size, what_tells
-from .systematic import Response, slopes_at, students_factor
+from ..sensitivity import Response, slopes_at
+from .components import Component
 
 NOISE_PX = 0.015  # of a centroid, in each direction, where nothing says that it is more
 # The pull of the light by that of an angle of 45 deg, and of what a column mirrors alike: of diffuse
-# light it is little, of a lamp in a dark room more than 1. So it is known with one degree of freedom.
+# light it is little, of a lamp in a dark room more than 1.
 # Chosen for two renderers, beside 0.3 and 0.27; of a fixed size 0.4 would do for one, 0.7 for the other.
 LIGHT = 0.25
-LIGHT_FREEDOM = 1.0
 # Greys that are not as predicted pull by so much more than noise of the same chi-square, as a variance:
 # chosen on path-traced frames.
 PULL = 8.0
@@ -100,85 +98,23 @@ def centroid_bias(
     )
 
 
-def centroid_covariance(
-    found: Response,
-    residuals_px: Array,
-    bias: BiasCovariance,
-    T_world_handle: RigidTransform,
-    rig: Rig,
-    handle: Handle,
-) -> tuple[Array, Array]:
-    """Covariance of a pose by the noise and the bias of the centroids that it was measured from, and
-    by errors of the rig that it does not state.
+def by_slant(places: Response, T_world_handle: RigidTransform, rig: Rig, handle: Handle) -> Array:
+    """The known bias of the places of a response, (2 k,), px: one standard deviation."""
+    bias = centroid_bias(places.camera, places.marker, T_world_handle, rig, handle)
+    return bias.foreshortening.ravel()
 
-    The bias stays in the pose: its square belongs to the mean square of the error. The unknown part of
-    it is as large as what is left over makes likely (`size.likely_size`). The noise is taken to be as
-    large as what pose, bias, rig and layout do not explain, and never below `NOISE_PX`: what is half
-    hidden moves single centroids.
 
-    Parameters
-    ----------
-    found : Response
-    residuals_px : ndarray, shape (k, 2)
-        Centroids minus the images of the centres, in the order of `found`.
-    bias : BiasCovariance
-        Of the same places.
-    T_world_handle : RigidTransform
-    rig, handle
-
-    Returns
-    -------
-    covariance, unexplained : ndarray, shape (6, 6)
-        Of position (mm) and rotation vector (rad), world frame; the second one is not zero where
-        the places contradict each other within the images or as a whole, see `contradiction`: a
-        wrong distance makes them do so, and is no noise of single centroids.
+def by_light(
+    places: Response, T_world_handle: RigidTransform, rig: Rig, handle: Handle
+) -> Component:
+    """What the light does to the places of a response: to all of them from two directions, and to
+    each column by itself.
     """
-    seen = found, equally_seen(residuals_px, NOISE_PX, bias.by_slant), T_world_handle, rig, handle
-    told = what_tells(bias.by_light, *seen)
-    size = 1.0 if told is None else likely_size(*told, LIGHT_FREEDOM)
-    whole = bias.by_slant + size * bias.by_light
-    seen = found, equally_seen(residuals_px, NOISE_PX, whole), T_world_handle, rig, handle
-    contradicted = contradictions(*seen)
-    freedom = residuals_px.size - 6
-    larger = max(students_factor(freedom) * contradicted.reduced, 1.0) if freedom > 0 else 1.0
-    noise = larger * NOISE_PX**2 * np.eye(residuals_px.size)
-    doubt = np.zeros_like(whole)
-    if not contradicted.explained:
-        doubt = doubted(*seen, distorted=False)
-    return found.covariance_by(whole + noise), found.covariance_by(doubt)
-
-
-class BiasCovariance(NamedTuple):
-    """Covariance of centroids by the bias that they have in common.
-
-    Attributes
-    ----------
-    by_slant : ndarray, shape (2 k, 2 k)
-        The square of what is known, px^2; u and v of the first place come first.
-    by_light : ndarray, shape (2 k, 2 k)
-        Of one variance of what the light does, to all views and to single columns, px^2.
-    """
-
-    by_slant: Array
-    by_light: Array
-
-    @property
-    def expected(self) -> Array:
-        """The whole, before anything is left over that would tell its size."""
-        return np.asarray(self.by_slant + students_factor(LIGHT_FREEDOM) * self.by_light)
-
-
-def bias_covariance(
-    found: Response, T_world_handle: RigidTransform, rig: Rig, handle: Handle
-) -> BiasCovariance:
-    """The covariance of the places of a response by their bias."""
-    bias = centroid_bias(found.camera, found.marker, T_world_handle, rig, handle)
-    by_slant = bias.foreshortening.ravel()
-    by_lights = bias.light.reshape(-1, 2)
-    around = bias.around.ravel()
-    alike = same_column(found.marker, handle).repeat(2, 0).repeat(2, 1)
-    by_light = by_lights @ by_lights.T + alike * np.outer(around, around)
-    return BiasCovariance(np.outer(by_slant, by_slant), by_light)
+    bias = centroid_bias(places.camera, places.marker, T_world_handle, rig, handle)
+    around = np.round(handle.marker_angles[places.marker], 6)
+    columns = around[:, None] == np.unique(around)
+    alone = bias.around[:, :, None] * columns[:, None]
+    return Component(np.concatenate([bias.light, alone], axis=2).reshape(2 * len(around), -1))
 
 
 def pulled_alike(

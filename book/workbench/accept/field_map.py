@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab.camera import Rig
 from trinolab.checks import Array
 from trinolab.handle import Handle, slant_angles
-from trinolab.uncertainty.systematic import motion_slopes, response, systematic_covariance
+from trinolab.sensitivity import motion_slopes, response, systematic_covariance
 
 from ..studies.broken import covariance_of_such
 from .combined import CALIBRATION_DEG, CALIBRATION_PX, PLACEMENT_MM

@@ -33,7 +33,7 @@ from trinolab.files.recording import (
 from trinolab.files.rigs import read_handle, read_rig
 from trinolab.handle import Handle
 from trinolab.methods import DEFAULT, estimator_of
-from trinolab.uncertainty.systematic import offsets_at
+from trinolab.sensitivity import offsets_at
 
 from . import criteria
 from .criteria import NOT_MEASURED, NOT_USABLE, of_cameras, overall, row

@@ -29,8 +29,8 @@ from trinolab.measurement import measure
 from trinolab.methods import DEFAULT, estimator_of
 from trinolab.parameters import Parameters
 from trinolab.pose import Pose
-from trinolab.uncertainty.systematic import is_uncertain
-from trinolab.uncertainty.usual import assumed
+from trinolab.sensitivity import is_uncertain
+from trinolab.default_covariance import assumed
 
 log = logging.getLogger("trinolab")
 

@@ -18,7 +18,7 @@ from scipy.spatial.transform import RigidTransform
 from trinolab.camera import Rig
 from trinolab.checks import Array
 from trinolab.handle import Handle, slants
-from trinolab.uncertainty.systematic import motion_slopes, slopes_at
+from trinolab.sensitivity import motion_slopes, slopes_at
 
 from .broken import covariance_of_such
 

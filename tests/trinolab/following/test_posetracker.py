@@ -25,7 +25,7 @@ from trinolab.following.parameters import FollowParameters
 from trinolab.following.posefilter import PoseFilterParameters
 from trinolab.pose import LOST
 from trinolab.rigid import apart, motion_between, shifted
-from trinolab.uncertainty.usual import usual_covariance
+from trinolab.default_covariance import usual_covariance
 from workbench.studies.broken import jpeg
 
 RIG, CODED, PAPER = load_rig("raised_40deg"), load_handle("coded"), load_handle("paper")

@@ -16,8 +16,8 @@ from trinolab.handle import slants
 from trinolab.identity.hypotheses import Poses
 from trinolab.identity.parameters import IdentityParameters
 from trinolab.identity.reconcile import fit_with_offsets, reconciled
-from trinolab.uncertainty.systematic import contradicting, offsets_at
-from trinolab.uncertainty.usual import FREEDOM, known_covariance
+from trinolab.sensitivity import contradicting, offsets_at
+from trinolab.default_covariance import FREEDOM, known_covariance
 
 P = IdentityParameters()
 CODED = load_handle("coded")

@@ -18,7 +18,7 @@ from trinolab.rigid import motion_between
 from trinolab.uncertainty import contradiction, size
 from trinolab.uncertainty.contradiction import honest
 from trinolab.uncertainty.size import Residuals, likely_size
-from trinolab.uncertainty.systematic import (
+from trinolab.sensitivity import (
     NOTHING,
     Response,
     contradict,

@@ -19,14 +19,14 @@ from trinolab.measurement import measure
 from trinolab.parameters import Parameters
 from trinolab.pose import Pose, fit_pose, fit_response
 from trinolab.rigid import motion_between
-from trinolab.uncertainty.systematic import (
+from trinolab.sensitivity import (
     NOTHING,
     known_errors,
     pixel_slopes,
     response,
     systematic_covariance,
 )
-from trinolab.uncertainty.usual import PLACEMENT_MM, SCALE_SHARE, usual_covariance
+from trinolab.default_covariance import PLACEMENT_MM, SCALE_SHARE, usual_covariance
 from workbench.studies.broken import covariance_of_such, miscalibrated
 
 BENT = np.array([-0.2, 0.1, 0.001, -0.002, 0.05])

@@ -9,7 +9,7 @@ import pytest
 
 from trinolab.camera import Rig, RigCovariance, displaced
 from trinolab.datasets import load_handle, load_rig
-from trinolab.uncertainty.usual import (
+from trinolab.default_covariance import (
     FREEDOM,
     IMAGE_PX,
     PLACEMENT_MM,

@@ -1,4 +1,4 @@
-"""What `uncertainty.usual` says of usual calibrations: simulated ones, and photographs made by
+"""What `default_covariance` says of usual calibrations: simulated ones, and photographs made by
 others, calibrated from halves of them.
 """
 

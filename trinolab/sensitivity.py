@@ -18,11 +18,11 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import RigidTransform
 from scipy.special import chdtri, stdtrit
 
-from ..camera import CAMERA_PARAMETERS, Camera, Rig, pixels_with_slopes
-from ..checks import Array, frozen
-from ..handle import Handle
-from ..rigid import cross_matrices
-from .usual import known_covariance, known_placement_mm, known_scale_share
+from .camera import CAMERA_PARAMETERS, Camera, Rig, pixels_with_slopes
+from .checks import Array, frozen
+from .default_covariance import known_covariance, known_placement_mm, known_scale_share
+from .handle import Handle
+from .rigid import cross_matrices
 
 CHANCE = 0.01  # of a contradiction where there is none
 ONE_SIGMA = 0.841345  # share of a normal distribution below one standard deviation

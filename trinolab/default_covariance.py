@@ -33,10 +33,10 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import chdtri
 
-from ..camera import Camera, Rig, RigCovariance, pixels_with_slopes
-from ..checks import Array, frozen
-from ..handle import Handle
-from ..rigid import cross_matrices
+from .camera import Camera, Rig, RigCovariance, pixels_with_slopes
+from .checks import Array, frozen
+from .handle import Handle
+from .rigid import cross_matrices
 
 IMAGE_PX = 0.25  # by which the image of the work volume is shifted each way, or more
 FREEDOM = 0.5  # how well that is known
@@ -61,7 +61,7 @@ def known_covariance(rig: Rig) -> RigCovariance:
     """How well a rig is known: what it states, else `usual_covariance`, with the reprojection error
     of its file where there is one.
     """
-    return _usual(rig) if rig.covariance is None else rig.covariance
+    return default_covariance(rig) if rig.covariance is None else rig.covariance
 
 
 def known_placement_mm(handle: Handle) -> float:
@@ -95,7 +95,8 @@ def assumed(rig: Rig, handle: Handle, rig_file: object, handle_file: object) -> 
 
 
 @lru_cache(maxsize=64)
-def _usual(rig: Rig) -> RigCovariance:
+def default_covariance(rig: Rig) -> RigCovariance:
+    """The covariance of a rig whose file does not state one."""
     return usual_covariance(rig, _image_px(rig))
 
 

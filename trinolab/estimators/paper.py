@@ -1,0 +1,80 @@
+"""The paper's estimate (Eq. 20-24), and how far it may be off.
+
+The chain of the paper ends with the pose. Its covariance is computed where somebody asks for it: by
+the noise of its centroids, by their bias, which the paper's method leaves in, and by all that
+`uncertainty` assesses.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from ..camera import Rig, image_of
+from ..checks import Array
+from ..handle import Handle
+from ..pose import Pose, fit_pose, fit_response
+from ..sensitivity import motion_slopes
+from ..uncertainty.assessment import LinearFit, assess
+from ..uncertainty.centroids import NOISE_PX, by_light, by_slant
+from ..uncertainty.components import LIGHT
+
+
+def pose_of_centroids(
+    uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0, near: Rig | None = None
+) -> Pose:
+    """The paper's estimate with the covariance that centroids of wrapped markers give it.
+
+    Parameters
+    ----------
+    uv, rig, handle, max_slant_deg
+        As for `pose.fit_pose`.
+    near : Rig, optional
+        The rig that the pose is measured with, see `Identified`; by default the given one.
+
+    Returns
+    -------
+    Pose
+        That of `pose.fit_pose`. Its covariances are computed when they are first asked for.
+    """
+    near = near or rig
+    pose = fit_pose(uv, near, handle, max_slant_deg)
+    if pose.T_world_handle is None:
+        return pose
+
+    @cache
+    def covariances() -> tuple[Array, Array]:
+        found = assess(linear_fit(uv, near, handle, pose, max_slant_deg), rig, handle, near)
+        # the pose is not corrected
+        kept = np.outer(found.correction, found.correction)
+        return found.covariance_random, found.systematic + kept
+
+    return replace(
+        pose, covariance_random=lambda: covariances()[0], systematic=lambda: covariances()[1]
+    )
+
+
+def linear_fit(uv: Array, rig: Rig, handle: Handle, pose: Pose, max_slant_deg: float) -> LinearFit:
+    """The paper's estimate to first order; parameters as for `pose_of_centroids`."""
+    T = pose.T_world_handle
+    answers = fit_response(uv, rig, handle, max_slant_deg)
+    k = len(answers.points)
+    predicted = np.empty((k, 2))
+    for c, camera in enumerate(rig.cameras):
+        mine = answers.camera == c
+        predicted[mine] = image_of(camera, answers.points[mine])
+    slant = by_slant(answers, T, rig, handle)
+    noise = NOISE_PX**2 * np.eye(2 * k) + np.outer(slant, slant)
+    explained = motion_slopes(rig, answers.camera, answers.points, T.translation)
+    return LinearFit(
+        T,
+        answers.covariance_by(noise),
+        answers,
+        uv[answers.camera, answers.marker] - predicted,
+        noise,
+        explained.reshape(2 * k, 6),
+        (by_light(answers, T, rig, handle), LIGHT),
+        is_efficient=False,
+    )

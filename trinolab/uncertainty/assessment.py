@@ -1,0 +1,451 @@
+r"""How far a pose may be off, by marginal least squares.
+
+A fit by the noise leaves residuals y, the shifts that the places of the markers still ask for, across
+all that a motion of the handle explains. To first order
+
+    y = F (r + J d),    cov y = q F (S + \sum_i s_i A_i A_i') F'
+
+with the residuals r of all places, the displacement d of the rig at which they were seen, the part F
+of them that no motion of the handle explains, the covariance S of the noise and of the errors that
+files state, and components A_i of sizes s_i that nobody states (`components`). The pose answers to the
+same places by a gain G, so that pose and residuals are jointly normal, and the pose's mean and
+covariance, given the residuals, follow for each choice of sizes (generalised least squares; Aitken
+1936). Sizes are not chosen: the pose is the mean over all of them, each weighted by its prior and by its
+marginal likelihood, which is the restricted one (REML: Patterson and Thompson 1971, DOI
+10.1093/biomet/58.3.545), since F takes the pose out. The scale q has an inverse chi-square prior with
+`FREEDOM` degrees of freedom, over which the integral is closed: a Student t.
+
+The windows of pixels are not linear over the half pixel by which a rig may be off: `refitted` fits
+them again at the rig that the first residuals make likely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import product
+from typing import NamedTuple, Protocol, TypeVar
+
+import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.spatial.transform import RigidTransform
+from scipy.special import ndtr
+
+from ..camera import Rig, difference, displaced
+from ..checks import Array
+from ..default_covariance import PLACEMENT_MM, default_covariance, known_covariance
+from ..handle import Handle
+from ..rigid import shifted
+from ..sensitivity import NOTHING, Response, contradict
+from . import components
+from .components import FAULTS, NO_FAULT, SILENT_PLACEMENT, SILENT_RIG, Component, Prior
+
+FREEDOM = 4.0  # of the scale that noise and all components share
+SAME_RIG_PX = 0.02  # a displacement of the rig that moves no place by more needs no other fit
+FEWEST_WEIGHT = 1e-4  # of sizes that count for the covariance
+WRONG_MM, WRONG_RAD = 2.0, np.deg2rad(5.0)  # a pose that is further off is a false one
+
+
+class LinearFit(NamedTuple):
+    """A least-squares fit by the noise alone, to first order; k places in images.
+
+    Attributes
+    ----------
+    T_world_handle : RigidTransform
+    covariance : ndarray, shape (6, 6)
+        Of position (mm) and rotation vector (rad), world frame, by the noise.
+    response : Response
+        How the pose answers to shifts of the places.
+    residuals_px : ndarray, shape (k, 2)
+        By how much each place is seen beside its prediction.
+    noise : ndarray, shape (2 k, 2 k)
+        Covariance of the places, px^2; u and v of the first place come first.
+    explained : ndarray, shape (2 k, m)
+        Shifts of the places that the pose and other unknowns of the fit explain.
+    own : (Component, Prior) or None
+        An error of the places that this estimator has and that has no stated size.
+    is_efficient : bool
+        Whether the fit weighs the places by the noise, so that what it leaves over does not depend on
+        the error by the noise.
+    """
+
+    T_world_handle: RigidTransform
+    covariance: Array
+    response: Response
+    residuals_px: Array
+    noise: Array
+    explained: Array
+    own: tuple[Component, Prior] | None = None
+    is_efficient: bool = True
+
+
+class Assessment(NamedTuple):
+    """A pose by all that its residuals say.
+
+    Attributes
+    ----------
+    T_world_handle : RigidTransform
+    covariance_random, systematic : ndarray, shape (6, 6)
+        See `pose.Pose`.
+    displacement : ndarray, shape (15 C,)
+        By how much the rig is likely to be off, see `camera.displaced`.
+    weights : dict
+        Of each fault of `components.FAULTS`, and of ``""``, that there is none: its probability.
+    correction : ndarray, shape (6,)
+        The motion from the pose by the noise to this one, mm and rad, world frame.
+    """
+
+    T_world_handle: RigidTransform
+    covariance_random: Array
+    systematic: Array
+    displacement: Array
+    weights: dict[str, float]
+    correction: Array
+
+    @property
+    def wrong(self) -> float:
+        """The probability that the pose is off by more than `WRONG_MM` or `WRONG_RAD`, at most."""
+        total = self.covariance_random + self.systematic
+        parts = [total[:3, :3], total[3:, 3:]]
+        sigmas = np.sqrt([np.linalg.eigvalsh(part)[-1] for part in parts])
+        return float(min((2 * ndtr(-np.array([WRONG_MM, WRONG_RAD]) / sigmas)).sum(), 1.0))
+
+
+class Fitted(Protocol):
+    """A fit of an estimator."""
+
+    @property
+    def linear(self) -> LinearFit:
+        """The fit to first order."""
+
+
+F = TypeVar("F", bound=Fitted)
+
+
+def refitted(
+    fit_at: Callable[[Rig, RigidTransform], F | None],
+    start: RigidTransform,
+    rig: Rig,
+    handle: Handle,
+    near: Rig,
+) -> tuple[F, Assessment] | None:
+    """Fit, assess, and fit again at the rig that the assessment makes likely, where that is another
+    one.
+
+    Parameters
+    ----------
+    fit_at : callable
+        The fit with a rig from a start, T_world_handle; None where nothing fixes the pose.
+    start : RigidTransform
+    rig, handle
+        As given: their errors are those of `rig`, whatever the fits are made with.
+    near : Rig
+        With which the first fit is made.
+
+    Returns
+    -------
+    (Fitted, Assessment) or None
+        The last fit; None where there is none.
+    """
+    fit = fit_at(near, start)
+    if fit is None:
+        return None
+    found = assess(fit.linear, rig, handle, near)
+    here = displaced(rig, found.displacement)
+    if _apart_px(fit.linear.response, here, near) < SAME_RIG_PX:
+        return fit, found
+    again = fit_at(here, found.T_world_handle)
+    return (fit, found) if again is None else (again, assess(again.linear, rig, handle, here))
+
+
+def _apart_px(places: Response, rig: Rig, other: Rig) -> float:
+    """By how much the places move at most from one rig to another, px."""
+    most = 0.0
+    for c, (one, another) in enumerate(zip(rig.cameras, other.cameras, strict=True)):
+        points = places.points[places.camera == c]
+        if len(points):
+            most = max(most, float(np.abs(one.project(points) - another.project(points)).max()))
+    return most
+
+
+def assess(fit: LinearFit, rig: Rig, handle: Handle, near: Rig | None = None) -> Assessment:
+    """Assess a fit.
+
+    Parameters
+    ----------
+    fit : LinearFit
+    rig, handle
+        As given, with what they state of their errors.
+    near : Rig, optional
+        The rig with which the fit was made; by default the given one.
+
+    Returns
+    -------
+    Assessment
+        Where rig and handle are stated to be exact, and the residuals are no larger than the noise
+        makes them (with a chance of 1 %), that of the noise alone.
+    """
+    near = near or rig
+    free = _free(fit.explained)
+    exact = known_covariance(rig).is_exact and handle.placement_sigma_mm == 0.0
+    if exact and fit.own is None and not _misfits(fit, free):
+        return Assessment(
+            fit.T_world_handle,
+            fit.covariance,
+            NOTHING,
+            np.zeros(known_covariance(rig).matrix.shape[0]),
+            {"": 1.0},
+            np.zeros(6),
+        )
+    stated, unstated, possible = _components(fit, rig, near, handle)
+    seen = _seen(fit, free, stated, near, difference(near, rig).ravel())
+    return _mixture(fit, seen, _lines(seen, unstated, possible))
+
+
+def _free(explained: Array) -> Array:
+    """An orthonormal basis (n, 2 k) across shifts (2 k, m)."""
+    return np.linalg.qr(explained, mode="complete")[0][:, explained.shape[1] :].T
+
+
+def _misfits(fit: LinearFit, free: Array) -> bool:
+    """Whether the residuals are larger than the noise makes them."""
+    y = free @ fit.residuals_px.ravel()
+    chi_square = float(y @ np.linalg.solve(free @ fit.noise @ free.T, y)) if len(y) else 0.0
+    return contradict(chi_square, len(y))
+
+
+def _components(
+    fit: LinearFit, rig: Rig, near: Rig, handle: Handle
+) -> tuple[list[Component], list[_Sized], list[_Sized]]:
+    """The components that files state; those that are there and of no stated size; and the faults,
+    of which one may be there.
+    """
+    places, origin = fit.response, fit.T_world_handle.translation
+    known = known_covariance(rig)
+    stated, unstated = [], []
+    possible = components.faults(places, near, handle, origin, default_covariance(rig))
+    if np.isfinite(known.freedom):
+        unstated.append(_Sized("", components.of_rig(places, near, known), SILENT_RIG))
+        del possible["another rig"]
+    elif not known.is_exact:
+        stated.append(components.of_rig(places, near, known))
+    placement_mm = handle.placement_sigma_mm
+    if placement_mm is None:
+        stated.append(components.of_scale(places, near))
+        placement = components.of_placement(places, near, PLACEMENT_MM)
+        unstated.append(_Sized("", placement, SILENT_PLACEMENT))
+        del possible["markers off their places"]
+    elif placement_mm > 0:
+        stated.append(components.of_placement(places, near, placement_mm))
+    if fit.own is not None:
+        unstated.append(_Sized("", *fit.own))
+    return (
+        stated,
+        unstated,
+        [_Sized(name, component(), FAULTS[name]) for name, component in possible.items()],
+    )
+
+
+class _Sized(NamedTuple):
+    """A component of no stated size, and the fault's name."""
+
+    name: str
+    component: Component
+    prior: Prior
+
+
+class _Seen(NamedTuple):
+    """The residuals across all that a motion explains, whitened by what is stated: m numbers.
+
+    Attributes
+    ----------
+    whiten : ndarray, shape (m, 2 k)
+    y : ndarray, shape (m,)
+    gain : ndarray, shape (6, 2 k)
+        Of the pose.
+    noise : ndarray, shape (m, m)
+        Their covariance by the noise alone.
+    noise_cross : ndarray, shape (6, m)
+        Likewise of pose and residuals.
+    stated : _Shape
+    moved : ndarray, shape (6,)
+        By how much the pose differs since the rig was displaced.
+    parameters : int
+        Of the rig.
+    """
+
+    whiten: Array
+    y: Array
+    gain: Array
+    noise: Array
+    noise_cross: Array
+    stated: _Shape
+    moved: Array
+    parameters: int
+
+    def shape(self, component: Component) -> _Shape:
+        """A component as the pose and the residuals have it."""
+        inside = self.whiten @ component.shape
+        moves = self.gain @ component.shape
+        of_rig = component.of_rig
+        displaces = np.zeros((self.parameters, len(inside)))
+        if of_rig is not None:
+            displaces = of_rig @ inside.T
+        return _Shape(inside @ inside.T, moves @ inside.T, moves @ moves.T, displaces)
+
+
+class _Shape(NamedTuple):
+    """Covariances by components, of m whitened residuals, (..., m, m), of pose and residuals, (...,
+    6, m), of the pose, (..., 6, 6), and of the rig's parameters and residuals, (..., p, m).
+    """
+
+    residuals: Array
+    cross: Array
+    pose: Array
+    rig: Array
+
+    def times(self, size: float) -> _Shape:
+        """The same of another size."""
+        return _Shape(*(size * part for part in self))
+
+    def plus(self, other: _Shape) -> _Shape:
+        """Both together."""
+        return _Shape(*(a + b for a, b in zip(self, other, strict=True)))
+
+
+def _seen(
+    fit: LinearFit, free: Array, stated: Sequence[Component], near: Rig, displacement: Array
+) -> _Seen:
+    gain = fit.response.gain.reshape(6, -1)
+    by_stated = sum((one.shape @ one.shape.T for one in stated), np.zeros_like(fit.noise))
+    root = np.linalg.cholesky(free @ (fit.noise + by_stated) @ free.T)
+    whiten = solve_triangular(root, free, lower=True)
+    shifts = components.by_displacement(fit.response, near, displacement)
+    y = whiten @ (fit.residuals_px.ravel() + shifts)
+    p = len(displacement)
+    m = len(y)
+    nothing = _Shape(np.zeros((m, m)), np.zeros((6, m)), np.zeros((6, 6)), np.zeros((p, m)))
+    noise = whiten @ fit.noise @ whiten.T
+    cross = np.zeros((6, m)) if fit.is_efficient else gain @ fit.noise @ whiten.T
+    seen = _Seen(whiten, y, gain, noise, cross, nothing, gain @ shifts, p)
+    total = nothing._replace(cross=cross)
+    for one in stated:
+        total = total.plus(seen.shape(one))
+    # the residuals have it in their whitening
+    return seen._replace(stated=total._replace(residuals=nothing.residuals))
+
+
+class _Lines(NamedTuple):
+    """Sizes of all components, a line of them a row: one component, the axis, has several sizes and
+    all others one.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The fault of each line.
+    others, axis : _Shape
+        Stacked, n lines.
+    sizes, log_weights : ndarray, shape (n, a)
+        Of the axis.
+    """
+
+    names: tuple[str, ...]
+    others: _Shape
+    axis: _Shape
+    sizes: Array
+    log_weights: Array
+
+
+def _lines(seen: _Seen, unstated: Sequence[_Sized], possible: Sequence[_Sized]) -> _Lines:
+    """All combinations of sizes: the axis is the first component that is there in any case, or each
+    fault by itself.
+    """
+    nothing = seen.stated.times(0.0)
+    shapes = [seen.shape(one.component) for one in unstated]
+    lines: list[tuple[str, _Shape, _Shape, Prior]] = []
+    none = Prior(np.zeros(1), np.log([NO_FAULT]))
+    faults = [(one.name, seen.shape(one.component), one.prior) for one in possible]
+    faults = [("", nothing, none), *faults]
+    if not unstated:
+        lines = [(name, seen.stated, shape, prior) for name, shape, prior in faults]
+    else:
+        axis = unstated[0].prior
+        for sizes in product(*(zip(*one.prior, strict=True) for one in unstated[1:])):
+            others = seen.stated
+            log_weight = 0.0
+            for (size, log_prior), shape in zip(sizes, shapes[1:], strict=True):
+                others = others.plus(shape.times(size))
+                log_weight += log_prior
+            for name, shape, prior in faults:
+                for size, log_prior in zip(*prior, strict=True):
+                    line_prior = Prior(axis.sizes, axis.log_weights + log_weight + log_prior)
+                    lines.append((name, others.plus(shape.times(size)), shapes[0], line_prior))
+    longest = max(len(prior.sizes) for *_, prior in lines)
+    padded = [longest - len(prior.sizes) for *_, prior in lines]
+    return _Lines(
+        tuple(name for name, *_ in lines),
+        _Shape(
+            *(np.stack(parts) for parts in zip(*(others for _, others, _, _ in lines), strict=True))
+        ),
+        _Shape(
+            *(np.stack(parts) for parts in zip(*(axis for _, _, axis, _ in lines), strict=True))
+        ),
+        np.stack(
+            [np.pad(prior.sizes, (0, n)) for (*_, prior), n in zip(lines, padded, strict=True)]
+        ),
+        np.stack(
+            [
+                np.pad(prior.log_weights, (0, n), constant_values=-np.inf)
+                for (*_, prior), n in zip(lines, padded, strict=True)
+            ]
+        ),
+    )
+
+
+def _mixture(fit: LinearFit, seen: _Seen, lines: _Lines) -> Assessment:
+    """The mean over all sizes, each weighted by its prior and its marginal likelihood."""
+    others, axis = lines.others, lines.axis
+    m = len(seen.y)
+    root = np.linalg.cholesky(np.eye(m) + others.residuals)
+    half = np.linalg.solve(root, axis.residuals)
+    values, vectors = np.linalg.eigh(np.linalg.solve(root, half.mT))
+    # from whitened residuals to those whose covariance is 1 + size * values
+    turn = np.linalg.solve(root.mT, vectors)  # (n, m, m)
+    z = seen.y @ turn  # (n, m)
+    variances = 1 + lines.sizes[..., None] * np.maximum(values, 0.0)[:, None]  # (n, a, m)
+    squares = (z[:, None] ** 2 / variances).sum(axis=2)
+    log_det = np.log(variances).sum(axis=2)
+    log_det = log_det + 2 * np.log(np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)[:, None]
+    log_weights = lines.log_weights - log_det / 2 - (FREEDOM + m) / 2 * np.log(FREEDOM + squares)
+    weights = np.exp(log_weights - log_weights.max())
+    weights /= weights.sum()
+    line, size = np.nonzero(weights > FEWEST_WEIGHT)
+    weight = weights[line, size] / weights[line, size].sum()
+    sizes = lines.sizes[line, size][:, None, None]
+    turn = turn[line]
+    cross = (others.cross[line] + sizes * axis.cross[line]) @ turn
+    of_pose = others.pose[line] + sizes * axis.pose[line]
+    of_rig = (others.rig[line] + sizes * axis.rig[line]) @ turn
+    inverse = 1 / variances[line, size]
+    by_residuals = cross * inverse[:, None]  # (n, 6, m)
+    corrections = seen.moved - (by_residuals @ z[line][..., None])[..., 0]
+    correction = weight @ corrections
+    spread = corrections - correction
+    scale = weight * (FREEDOM + squares[line, size]) / (FREEDOM + m - 2)
+    in_common = by_residuals @ (seen.noise_cross @ turn).mT
+    of_noise = by_residuals @ (turn.mT @ seen.noise @ turn) @ by_residuals.mT
+    of_noise = of_noise - in_common - in_common.mT
+    random = np.einsum("n,nij->ij", scale, fit.covariance + of_noise)
+    whole = np.einsum("n,nij->ij", scale, fit.covariance + of_pose - by_residuals @ cross.mT)
+    whole = whole + (weight * spread.T) @ spread
+    displacement = weight @ (of_rig @ (inverse * z[line])[..., None])[..., 0]
+    by_fault = dict.fromkeys(lines.names, 0.0)
+    for name, share in zip(lines.names, weights.sum(axis=1).tolist(), strict=True):
+        by_fault[name] += share
+    return Assessment(
+        shifted(fit.T_world_handle, correction),
+        random,
+        whole - random,
+        displacement,
+        by_fault,
+        correction,
+    )
