@@ -26,11 +26,11 @@ from itertools import product
 from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 from scipy.spatial.transform import RigidTransform
 from scipy.special import ndtr
 
-from ..camera import Rig, difference, displaced
+from ..camera import Rig, RigCovariance, difference, displaced
 from ..checks import Array
 from ..default_covariance import PLACEMENT_MM, default_covariance, known_covariance
 from ..handle import Handle
@@ -39,6 +39,8 @@ from ..sensitivity import NOTHING, Response, contradict
 from . import components
 from .components import FAULTS, NO_FAULT, SILENT_PLACEMENT, SILENT_RIG, Component, Prior
 
+MEMORY = 0.95  # share of what earlier instants say of the rig that an instant leaves
+LEAST_INFORMATION = 1e-2  # of earlier instants that counts, by what is known without them
 FREEDOM = 4.0  # of the scale that noise and all components share
 SAME_RIG_PX = 0.02  # a displacement of the rig that moves no place by more needs no other fit
 FEWEST_WEIGHT = 1e-4  # of sizes that count for the covariance
@@ -78,6 +80,26 @@ class LinearFit(NamedTuple):
     is_efficient: bool = True
 
 
+class RigInformation(NamedTuple):
+    """What instants of a recording say of the displacement of their one rig: a normal likelihood.
+
+    Attributes
+    ----------
+    matrix : ndarray, shape (15 C, 15 C)
+    vector : ndarray, shape (15 C,)
+        The matrix times the likeliest displacement, see `camera.displaced`.
+    """
+
+    matrix: Array
+    vector: Array
+
+    def then(self, later: RigInformation) -> RigInformation:
+        """With what a later instant says; what is older counts for less, see `MEMORY`."""
+        return RigInformation(
+            MEMORY * self.matrix + later.matrix, MEMORY * self.vector + later.vector
+        )
+
+
 class Assessment(NamedTuple):
     """A pose by all that its residuals say.
 
@@ -92,6 +114,10 @@ class Assessment(NamedTuple):
         Of each fault of `components.FAULTS`, and of ``""``, that there is none: its probability.
     correction : ndarray, shape (6,)
         The motion from the pose by the noise to this one, mm and rad, world frame.
+    scale : float
+        By how much the noise's variance is likely to be larger than the fit has it.
+    information : RigInformation or None
+        What this instant says of the rig; None where that is exact.
     """
 
     T_world_handle: RigidTransform
@@ -100,6 +126,8 @@ class Assessment(NamedTuple):
     displacement: Array
     weights: dict[str, float]
     correction: Array
+    scale: float = 1.0
+    information: RigInformation | None = None
 
     @property
     def wrong(self) -> float:
@@ -127,6 +155,7 @@ def refitted(
     rig: Rig,
     handle: Handle,
     near: Rig,
+    earlier: RigInformation | None = None,
 ) -> tuple[F, Assessment] | None:
     """Fit, assess, and fit again at the rig that the assessment makes likely, where that is another
     one.
@@ -140,6 +169,8 @@ def refitted(
         As given: their errors are those of `rig`, whatever the fits are made with.
     near : Rig
         With which the first fit is made.
+    earlier : RigInformation, optional
+        Of earlier instants of the same recording.
 
     Returns
     -------
@@ -149,12 +180,14 @@ def refitted(
     fit = fit_at(near, start)
     if fit is None:
         return None
-    found = assess(fit.linear, rig, handle, near)
+    found = assess(fit.linear, rig, handle, near, earlier)
     here = displaced(rig, found.displacement)
     if _apart_px(fit.linear.response, here, near) < SAME_RIG_PX:
         return fit, found
     again = fit_at(here, found.T_world_handle)
-    return (fit, found) if again is None else (again, assess(again.linear, rig, handle, here))
+    return (
+        (fit, found) if again is None else (again, assess(again.linear, rig, handle, here, earlier))
+    )
 
 
 def _apart_px(places: Response, rig: Rig, other: Rig) -> float:
@@ -167,7 +200,13 @@ def _apart_px(places: Response, rig: Rig, other: Rig) -> float:
     return most
 
 
-def assess(fit: LinearFit, rig: Rig, handle: Handle, near: Rig | None = None) -> Assessment:
+def assess(
+    fit: LinearFit,
+    rig: Rig,
+    handle: Handle,
+    near: Rig | None = None,
+    earlier: RigInformation | None = None,
+) -> Assessment:
     """Assess a fit.
 
     Parameters
@@ -177,6 +216,8 @@ def assess(fit: LinearFit, rig: Rig, handle: Handle, near: Rig | None = None) ->
         As given, with what they state of their errors.
     near : Rig, optional
         The rig with which the fit was made; by default the given one.
+    earlier : RigInformation, optional
+        Of earlier instants of the same recording.
 
     Returns
     -------
@@ -197,8 +238,23 @@ def assess(fit: LinearFit, rig: Rig, handle: Handle, near: Rig | None = None) ->
             np.zeros(6),
         )
     stated, unstated, possible = _components(fit, rig, near, handle)
-    seen = _seen(fit, free, stated, near, difference(near, rig).ravel())
-    return _mixture(fit, seen, _lines(seen, unstated, possible))
+    known = known_covariance(rig)
+    before = _earlier(earlier, known)
+    displacement = difference(near, rig).ravel()
+    slopes = components.by_parameters(fit.response, near)
+    shifts = slopes @ displacement
+    seen = _seen(fit, free, stated, shifts, before)
+    found = _mixture(fit, seen, _lines(seen, unstated, possible))
+    if known.is_exact:
+        return found
+    # what it says of the rig, as far as nothing is wrong with it
+    layout = [one for one in stated if one.of_rig is None]
+    whiten = _whitening(fit.noise, free, layout)
+    inside = whiten @ slopes
+    y = whiten @ (fit.residuals_px.ravel() + shifts)
+    share = found.weights[""] / found.scale
+    information = RigInformation(share * inside.T @ inside, share * inside.T @ y)
+    return found._replace(information=information)
 
 
 def _free(explained: Array) -> Array:
@@ -269,8 +325,7 @@ class _Seen(NamedTuple):
     stated : _Shape
     moved : ndarray, shape (6,)
         By how much the pose differs since the rig was displaced.
-    parameters : int
-        Of the rig.
+    earlier : _Earlier
     """
 
     whiten: Array
@@ -280,14 +335,15 @@ class _Seen(NamedTuple):
     noise_cross: Array
     stated: _Shape
     moved: Array
-    parameters: int
+    earlier: _Earlier
 
     def shape(self, component: Component) -> _Shape:
         """A component as the pose and the residuals have it."""
+        component = self.earlier.joined(component)
         inside = self.whiten @ component.shape
         moves = self.gain @ component.shape
         of_rig = component.of_rig
-        displaces = np.zeros((self.parameters, len(inside)))
+        displaces = np.zeros((self.earlier.slopes.shape[1], len(inside)))
         if of_rig is not None:
             displaces = of_rig @ inside.T
         return _Shape(inside @ inside.T, moves @ inside.T, moves @ moves.T, displaces)
@@ -313,25 +369,66 @@ class _Shape(NamedTuple):
 
 
 def _seen(
-    fit: LinearFit, free: Array, stated: Sequence[Component], near: Rig, displacement: Array
+    fit: LinearFit, free: Array, stated: Sequence[Component], shifts: Array, earlier: _Earlier
 ) -> _Seen:
-    gain = fit.response.gain.reshape(6, -1)
-    by_stated = sum((one.shape @ one.shape.T for one in stated), np.zeros_like(fit.noise))
-    root = np.linalg.cholesky(free @ (fit.noise + by_stated) @ free.T)
-    whiten = solve_triangular(root, free, lower=True)
-    shifts = components.by_displacement(fit.response, near, displacement)
-    y = whiten @ (fit.residuals_px.ravel() + shifts)
-    p = len(displacement)
-    m = len(y)
+    """The residuals of a fit, of which the rig's displacement has made the shifts (2 k,), with those
+    of earlier instants.
+    """
+    n = len(earlier.y)
+    noise = block_diag(fit.noise, np.eye(n))
+    joined = [earlier.joined(one) for one in stated]
+    whiten = _whitening(noise, block_diag(free, np.eye(n)), joined)
+    y = whiten @ np.concatenate([fit.residuals_px.ravel() + shifts, earlier.y])
+    gain = np.pad(fit.response.gain.reshape(6, -1), ((0, 0), (0, n)))
+    p, m = earlier.slopes.shape[1], len(y)
     nothing = _Shape(np.zeros((m, m)), np.zeros((6, m)), np.zeros((6, 6)), np.zeros((p, m)))
-    noise = whiten @ fit.noise @ whiten.T
-    cross = np.zeros((6, m)) if fit.is_efficient else gain @ fit.noise @ whiten.T
-    seen = _Seen(whiten, y, gain, noise, cross, nothing, gain @ shifts, p)
+    cross = np.zeros((6, m)) if fit.is_efficient else gain @ noise @ whiten.T
+    moved = fit.response.gain.reshape(6, -1) @ shifts
+    seen = _Seen(whiten, y, gain, whiten @ noise @ whiten.T, cross, nothing, moved, earlier)
     total = nothing._replace(cross=cross)
     for one in stated:
         total = total.plus(seen.shape(one))
     # the residuals have it in their whitening
     return seen._replace(stated=total._replace(residuals=nothing.residuals))
+
+
+def _whitening(noise: Array, free: Array, stated: Sequence[Component]) -> Array:
+    """The matrix that takes shifts of the places to residuals whose covariance, by noise and stated
+    components, is 1.
+    """
+    by_stated = sum((one.shape @ one.shape.T for one in stated), np.zeros_like(noise))
+    root = np.linalg.cholesky(free @ (noise + by_stated) @ free.T)
+    return solve_triangular(root, free, lower=True)
+
+
+class _Earlier(NamedTuple):
+    """What earlier instants say of the rig, as n residuals with a covariance of 1: their derivatives
+    (n, 15 C) by the displacement, and their values (n,).
+    """
+
+    slopes: Array
+    y: Array
+
+    def joined(self, component: Component) -> Component:
+        """A component with what it does to these residuals."""
+        below = np.zeros((len(self.y), component.shape.shape[1]))
+        if component.of_rig is not None:
+            below = self.slopes @ component.of_rig
+        return component._replace(shape=np.vstack([component.shape, below]))
+
+
+def _earlier(information: RigInformation | None, known: RigCovariance) -> _Earlier:
+    """The residuals of earlier instants, as far as they say more than is known without them."""
+    n = len(known.matrix)
+    if information is None:
+        return _Earlier(np.zeros((0, n)), np.zeros(0))
+    unit = np.sqrt(np.diag(known.matrix))
+    per_unit = np.divide(1.0, unit, out=np.zeros(n), where=unit > 0)
+    values, vectors = np.linalg.eigh(unit[:, None] * information.matrix * unit)
+    tells = values > LEAST_INFORMATION
+    rows = vectors[:, tells].T
+    root = np.sqrt(values[tells])
+    return _Earlier(root[:, None] * rows * per_unit, rows @ (unit * information.vector) / root)
 
 
 class _Lines(NamedTuple):
@@ -448,4 +545,5 @@ def _mixture(fit: LinearFit, seen: _Seen, lines: _Lines) -> Assessment:
         displacement,
         by_fault,
         correction,
+        float(scale.sum()),
     )

@@ -92,15 +92,10 @@ class Component(NamedTuple):
 def of_rig(places: Response, rig: Rig, known: RigCovariance) -> Component:
     """The errors of a rig of a known covariance."""
     root = _square_root(known.matrix.tobytes(), len(known.matrix))
-    return Component(_by_parameters(places, rig) @ root, root)
+    return Component(by_parameters(places, rig) @ root, root)
 
 
-def by_displacement(places: Response, rig: Rig, displacement: Array) -> Array:
-    """The shifts (2 k,) of all places by a displacement of the rig (15 C,), px."""
-    return _by_parameters(places, rig) @ displacement
-
-
-def _by_parameters(places: Response, rig: Rig) -> Array:
+def by_parameters(places: Response, rig: Rig) -> Array:
     """Derivatives of the places by all parameters of a rig, (2 k, 15 C)."""
     k = len(places.points)
     by_camera = np.zeros((k, 2, len(rig.cameras), len(CAMERA_PARAMETERS)))
