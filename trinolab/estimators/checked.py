@@ -27,8 +27,8 @@ def checked_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -
     shows that, see `Fit`.
 
     The paper has no test of a pose. Here it is lost if the image model, where it applies, leads far
-    away from it with the same rig. Where the image model applies, the pose is known better: the mean square of the error
-    is that of the better pose, and the square of the way from there.
+    away from it with the same rig. Where the image model applies, the pose is known better: the mean
+    square of the error is that of the better pose, and the square of the way from there.
     """
     found = fitted(instant, rig, handle, p)
     if found is None or not found[0].shown.any():

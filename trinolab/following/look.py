@@ -7,7 +7,7 @@ went.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from ..blobs import RING_PX
-from ..camera import Camera, Rig
+from ..camera import Camera, Rig, displaced
 from ..checks import Array, frozen
 from ..default_covariance import known_covariance
 from ..estimators import estimate
@@ -32,6 +32,7 @@ from ..methods import BEST
 from ..pose import LOST, Pose, fit_pose
 from ..rigid import apart, motion_between, placed, shifted
 from ..sensitivity import NOTHING, offsets_at
+from ..uncertainty.assessment import Assessment, RigInformation, assessed
 from ..window import Window
 from .parameters import FollowParameters
 from .posefilter import Motion, is_new, update
@@ -93,6 +94,21 @@ class Sight(NamedTuple):
     found: Array
 
 
+class RigState(NamedTuple):
+    """The rig of a recording as its instants have it so far.
+
+    Attributes
+    ----------
+    near : Rig
+        With which the next fit begins: the given one, displaced by what is likely.
+    earlier : RigInformation or None
+        What the instants say of its displacement.
+    """
+
+    near: Rig
+    earlier: RigInformation | None = None
+
+
 class Followed(NamedTuple):
     """What was measured where a guess has the handle.
 
@@ -105,9 +121,8 @@ class Followed(NamedTuple):
         The marker's index where it was found and agrees, else -1.
     sights : tuple of Sight
         What the cameras show there.
-    rig : Rig
-        With which it was measured: what the markers contradict each other has corrected it, see
-        `identity.reconcile`.
+    rig : RigState
+        As this instant leaves it.
     fits : int
         How often the image model was fitted: what takes the time.
     smear_px : float
@@ -118,7 +133,7 @@ class Followed(NamedTuple):
     pose: Pose
     labels: tuple[np.ndarray, ...]
     sights: tuple[Sight, ...]
-    rig: Rig
+    rig: RigState
     fits: int
     smear_px: float
 
@@ -187,7 +202,7 @@ def follow(
     rig: Rig,
     handle: Handle,
     p: FollowParameters,
-    before: Rig | None = None,
+    before: RigState | None = None,
 ) -> Followed:
     """Look for the markers where a guess has them, and measure the pose from those that are there.
 
@@ -196,41 +211,28 @@ def follow(
     shows some, it is the image model of a handle that moves while the shutter is open: centroids
     are worth less than that when limb and neighbours are blurred together.
 
-    `before` is the rig as the last instant left it. It serves where too few markers are found, or
-    they are smeared too much, to say how this one does.
+    `before` is the rig as the instants before have it.
     """
-    sights = look(images, guess.expected, rig, handle, p)
+    state = before or RigState(rig)
+    sights = look(images, guess.expected, state.near, handle, p)
     pixels = tuple(sight.found[:, :2] for sight in sights)
-    T, labels = _agreed(pixels, rig, handle, guess.motion.pose, p)
-    if T is None:
-        followed = Followed(guess, LOST, labels, sights, before or rig, 0, np.nan)
-        if not _enough_markers(sights, p):
-            return followed  # it is elsewhere
-        instant = None
-    else:
+    T, labels = _agreed(pixels, state.near, handle, guess.motion.pose, p)
+    followed = Followed(guess, LOST, labels, sights, state, 0, np.nan)
+    if T is None and not _enough_markers(sights, p):
+        return followed  # it is elsewhere
+    instant = None
+    moves = guess.blurred or (_may_move(guess, p) and _stretched(guess.expected, sights, p))
+    if T is not None:
         uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
-        instant = Identified(images, uv, T, _expected_blur(guess.motion, p))
-        followed = Followed(guess, LOST, labels, sights, rig, 0, np.nan)
-    moves = guess.blurred or (
-        _may_move(guess, p) and _stretched(guess.expected, followed.sights, p)
-    )
-    if instant is not None and moves and not _states_errors(rig):
-        # smeared centroids say nothing of such a rig; what sharper ones have said of it stays
-        followed = followed._replace(rig=before or rig)
-    elif instant is not None:
-        rig, T = reconciled(rig, handle, instant.uv, instant.T_world_handle, p.sigma_px, p.identity)
-        instant = instant._replace(T_world_handle=T)
-        followed = followed._replace(rig=rig)
+        # smeared centroids say nothing of the rig
+        if before is None and not moves and not known_covariance(rig).is_exact:
+            near, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
+            followed = followed._replace(rig=RigState(near))
+        instant = Identified(images, uv, T, followed.rig.near, _expected_blur(guess.motion, p))
     if not moves:
-        followed = _fitted_still(followed, images, instant, handle, p)
+        followed = _fitted_still(followed, images, instant, rig, handle, p)
         moves = followed.smear_px > p.blurred_px
-    return _fitted_moving(followed, images, instant, handle, p) if moves else followed
-
-
-def _states_errors(rig: Rig) -> bool:
-    """Whether a rig says how far it is off: one that is exact, or says nothing, does not."""
-    known = known_covariance(rig)
-    return not known.is_exact and bool(np.isinf(known.freedom))
+    return _fitted_moving(followed, images, instant, rig, handle, p) if moves else followed
 
 
 def _may_move(guess: Guess, p: FollowParameters) -> bool:
@@ -242,83 +244,90 @@ def _fitted_still(
     followed: Followed,
     images: Sequence[np.ndarray],
     instant: Identified | None,
+    rig: Rig,
     handle: Handle,
     p: FollowParameters,
 ) -> Followed:
     """What was followed with the pose of a handle that is still, if it is; `instant` is what the
     markers agree on.
     """
-    rig = followed.rig
     pose = LOST if instant is None else _agreeing_pose(instant, rig, handle, p)
     if pose is not LOST:
         return followed._replace(pose=pose)
     guess = followed.guess
     may_move = _may_move(guess, p)
-    start = guess.motion.pose if instant is None else instant.T_world_handle
     smear_above = p.still_misfit if may_move else np.inf
-    fit = fit_patches(
-        images,
-        rig,
-        handle,
-        start,
-        p.max_slant_deg,
-        smear_above=smear_above,
-        corrects=False,
-    )
+
+    def fit_at(near: Rig, start: RigidTransform) -> Fit | None:
+        return fit_patches(images, near, handle, start, p.max_slant_deg, smear_above=smear_above)
+
+    start = guess.motion.pose if instant is None else instant.T_world_handle
+    fit = fit_at(followed.rig.near, start)
+    followed = followed._replace(fits=1)
     if may_move and not _still(fit, p):
         # where hardly a marker fits its smear is not known, and may be long
         smear_px = np.inf if fit is None or fit.shown.sum() < 4 else fit.smear_px
-        return followed._replace(fits=1, smear_px=smear_px)
-    return followed._replace(pose=_judged(fit, rig, p), fits=1)
+        return followed._replace(smear_px=smear_px)
+    return _assessed(followed, fit, fit_at, rig, handle, p)
 
 
 def _fitted_moving(
     followed: Followed,
     images: Sequence[np.ndarray],
     instant: Identified | None,
+    rig: Rig,
     handle: Handle,
     p: FollowParameters,
 ) -> Followed:
-    """What was followed with the pose of a handle that moves while the shutter is open."""
-    fit = _moving_fit(images, followed.guess, instant, followed.rig, handle, p)
+    """What was followed with the pose of a handle that moves while the shutter is open: fitted from
+    the pose that the markers agree on, which tells of the velocity as well; else from where the images
+    have the handle, or as predicted.
+    """
+    near = followed.rig.near
+    motion = followed.guess.motion
+    if instant is not None:
+        motion = update(motion, instant.T_world_handle, AGREED_COVARIANCE, p.motion)
+        start = motion.pose
+    else:
+        start = _displaced_start(images, followed.guess, near, handle, p)
+    blur = _expected_blur(motion, p)
+
+    def fit_at(near: Rig, start: RigidTransform, is_far: bool = False) -> Fit | None:
+        return fit_patches(
+            images, near, handle, start, p.max_slant_deg, motion_blur=blur, is_far=is_far
+        )
+
+    fit = fit_at(near, start, is_far=instant is None)
     smear_px = np.nan if fit is None else fit.smear_px
-    pose = _judged(fit, followed.rig, p)
-    return followed._replace(pose=pose, fits=followed.fits + 1, smear_px=smear_px)
+    followed = followed._replace(fits=followed.fits + 1, smear_px=smear_px)
+    return _assessed(followed, fit, fit_at, rig, handle, p)
+
+
+def _assessed(
+    followed: Followed,
+    fit: Fit | None,
+    fit_at: Callable[[Rig, RigidTransform], Fit | None],
+    rig: Rig,
+    handle: Handle,
+    p: FollowParameters,
+) -> Followed:
+    """What was followed with the pose of a fit, and with the rig as it leaves it."""
+    if fit is None:
+        return followed
+    state = followed.rig
+    fit, found = assessed(fit, fit_at, rig, handle, state.near, state.earlier)
+    pose = _judged(fit, found, rig, p)
+    if pose is not LOST and found.information is not None:
+        earlier = found.information
+        if state.earlier is not None:
+            earlier = state.earlier.then(earlier)
+        state = RigState(displaced(rig, found.displacement), earlier)
+    return followed._replace(pose=pose, rig=state)
 
 
 def _enough_markers(sights: Sequence[Sight], p: FollowParameters) -> bool:
     """Whether enough markers are where they are expected to begin a fit of the pixels there."""
     return bool(sum(np.isfinite(sight.found[:, 0]).sum() for sight in sights) >= p.min_found)
-
-
-def _moving_fit(
-    images: Sequence[np.ndarray],
-    guess: Guess,
-    instant: Identified | None,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
-) -> Fit | None:
-    """The image model of a handle that moves while the shutter is open, fitted from the pose that
-    the markers agree on, which tells of the velocity as well; else from where the images have the
-    handle, or as predicted.
-    """
-    motion = guess.motion
-    if instant is not None:
-        motion = update(motion, instant.T_world_handle, AGREED_COVARIANCE, p.motion)
-        start = motion.pose
-    else:
-        start = _displaced_start(images, guess, rig, handle, p)
-    return fit_patches(
-        images,
-        rig,
-        handle,
-        start,
-        p.max_slant_deg,
-        motion_blur=_expected_blur(motion, p),
-        is_far=instant is None,
-        corrects=False,
-    )
 
 
 def _displaced_start(
@@ -379,12 +388,10 @@ def _still(fit: Fit | None, p: FollowParameters) -> bool:
     return bool(noise or fit.smear_px < p.blurred_px)
 
 
-def _judged(fit: Fit | None, rig: Rig, p: FollowParameters) -> Pose:
+def _judged(fit: Fit, found: Assessment, rig: Rig, p: FollowParameters) -> Pose:
     """The image model's pose, if in some cameras most of what it predicts is there, and the windows
     agree on it.
     """
-    if fit is None:
-        return LOST
     cameras = fit.views.camera
     share = np.array(
         [
@@ -392,7 +399,7 @@ def _judged(fit: Fit | None, rig: Rig, p: FollowParameters) -> Pose:
             for c in range(len(rig.cameras))
         ]
     )
-    pose = judged(fit._replace(shown=fit.shown & (share > p.min_shown_share)[cameras]))
+    pose = judged(fit._replace(shown=fit.shown & (share > p.min_shown_share)[cameras]), found)
     return pose if _sure(pose, p) and pose.residual_px < p.max_fit_residual_px else LOST
 
 

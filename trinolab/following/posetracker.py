@@ -33,6 +33,7 @@ from .look import (
     Expected,
     Followed,
     Guess,
+    RigState,
     displacement,
     expect,
     follow,
@@ -56,8 +57,8 @@ class TrackState(NamedTuple):
         The same when the handle was last measured, or given.
     sure : bool
         Whether the pose that is followed is the true one of those that look alike.
-    rig : Rig or None
-        As the last measurement left it, see `look.Followed`; None where there is none.
+    rig : RigState or None
+        As the measurements so far leave it; None before the first one.
     systematic : ndarray, shape (6, 6)
         Of the last measured pose, see `pose.Pose`.
     blurred : bool
@@ -68,7 +69,7 @@ class TrackState(NamedTuple):
     motion: Motion | None
     seen: Motion | None
     sure: bool
-    rig: Rig | None = None
+    rig: RigState | None = None
     systematic: Array = NOTHING
     blurred: bool = False
 
@@ -197,7 +198,7 @@ def step(
     t = as_number(t_s, "t_s", low=state.t_s, open_low=True)
     images = as_images(frames, rig)
     if state.motion is None or state.seen is None:
-        return _sought(images, t, rig, handle, p)
+        return _sought(images, t, state.rig, rig, handle, p)
     predicted = posefilter.predict(state.motion, t, p.motion)
     first = _guess(predicted, state.blurred, rig, handle, p)
     as_predicted = follow(images, first, rig, handle, p, state.rig)
@@ -214,7 +215,7 @@ def step(
     if best is not None:
         return _measured(best, state.sure, handle, p)
     if t - state.seen.t_s > p.memory_s + 1e-9:  # times are rounded
-        return _sought(images, t, rig, handle, p)
+        return _sought(images, t, state.rig, rig, handle, p)
     # The windows of the prediction belong to the pose that is reported.
     return state._replace(t_s=t, motion=predicted), _missed(as_predicted, state, handle)
 
@@ -366,17 +367,22 @@ def _measured(
 
 
 def _sought(
-    images: list[np.ndarray], t: float, rig: Rig, handle: Handle, p: FollowParameters
+    images: list[np.ndarray],
+    t: float,
+    known: RigState | None,
+    rig: Rig,
+    handle: Handle,
+    p: FollowParameters,
 ) -> tuple[TrackState, Tracked]:
-    """The handle looked for in whole images, with nothing known."""
+    """The handle looked for in whole images, with nothing known but the rig."""
     measurement = measure(images, rig, handle, None, p)
     tracked = Tracked(measurement, tuple(Window(0, 0, *camera.size) for camera in rig.cameras))
     pose = measurement.pose
     sure = pose.status == "measured"
     if pose.T_world_handle is None or not (sure or len(handle.symmetries) > 1):
-        return TrackState(t, None, None, False), tracked
+        return TrackState(t, None, None, False, known), tracked
     begun = posefilter.begin(t, pose.T_world_handle, pose.covariance_random, p.motion)
-    return TrackState(t, begun, begun, sure, None, pose.systematic), tracked
+    return TrackState(t, begun, begun, sure, known, pose.systematic), tracked
 
 
 def believable(pose: Pose, motion: Motion, rig: Rig, handle: Handle, p: FollowParameters) -> bool:

@@ -39,7 +39,7 @@ from ..sensitivity import NOTHING, Response, contradict
 from . import components
 from .components import FAULTS, NO_FAULT, SILENT_PLACEMENT, SILENT_RIG, Component, Prior
 
-MEMORY = 0.95  # share of what earlier instants say of the rig that an instant leaves
+MEMORY = 0.9  # share of what earlier instants say of the rig that an instant leaves
 LEAST_INFORMATION = 1e-2  # of earlier instants that counts, by what is known without them
 FREEDOM = 4.0  # of the scale that noise and all components share
 SAME_RIG_PX = 0.02  # a displacement of the rig that moves no place by more needs no other fit
@@ -178,16 +178,30 @@ def refitted(
         The last fit; None where there is none.
     """
     fit = fit_at(near, start)
-    if fit is None:
-        return None
+    return None if fit is None else assessed(fit, fit_at, rig, handle, near, earlier)
+
+
+def assessed(
+    fit: F,
+    fit_at: Callable[[Rig, RigidTransform], F | None],
+    rig: Rig,
+    handle: Handle,
+    near: Rig,
+    earlier: RigInformation | None = None,
+) -> tuple[F, Assessment]:
+    """Assess a fit, and fit again where the rig is likely to be another one; parameters and result as
+    for `refitted`.
+    """
     found = assess(fit.linear, rig, handle, near, earlier)
+    if not found.displacement.any() and near is rig:
+        return fit, found
     here = displaced(rig, found.displacement)
     if _apart_px(fit.linear.response, here, near) < SAME_RIG_PX:
         return fit, found
     again = fit_at(here, found.T_world_handle)
-    return (
-        (fit, found) if again is None else (again, assess(again.linear, rig, handle, here, earlier))
-    )
+    if again is None:
+        return fit, found
+    return again, assess(again.linear, rig, handle, here, earlier)
 
 
 def _apart_px(places: Response, rig: Rig, other: Rig) -> float:
