@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
 import cv2
@@ -21,6 +22,7 @@ from ..checks import Array, frozen
 from ..estimators import estimate
 from ..estimators.identified import Identified
 from ..estimators.pixels import Fit, fit_patches, judged
+from ..estimators.pixels import prepare as prepare_fit
 from ..handle import Handle
 from ..identity import labelled_pixels
 from ..identity.hypotheses import FAR, Observed, Poses, explain, fit, ideal_pixels, predict
@@ -121,6 +123,13 @@ class Followed(NamedTuple):
     rig: Rig
     fits: int
     smear_px: float
+
+
+@cache
+def prepare() -> None:
+    """Load the compiled loops, or compile them where that was never done, once in a process."""
+    markers_at(np.zeros((9, 9), np.uint8), np.full((1, 2), 4.0), 2.0)
+    prepare_fit()
 
 
 def expect(rig: Rig, handle: Handle, motion: Motion, p: FollowParameters) -> list[Expected]:

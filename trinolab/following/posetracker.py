@@ -18,12 +18,10 @@ from scipy.spatial.transform import RigidTransform
 
 from ..camera import Rig
 from ..checks import Array, as_number, as_transform
-from ..estimators.pixels import prepare
 from ..files.recording import Frames
 from ..handle import Handle
 from ..identity import choose, equivalents, relabel
 from ..measurement import Measurement, as_images, measure
-from ..methods import BEST
 from ..pose import LOST, Pose
 from ..rigid import apart
 from ..uncertainty.systematic import NOTHING
@@ -38,6 +36,7 @@ from .look import (
     follow,
     found_markers,
     may_be_blurred,
+    prepare,
 )
 from .parameters import FollowParameters
 from .posefilter import Motion, PoseFilterParameters
@@ -143,8 +142,7 @@ def track_instants(
         what it returns is the state to go on with.
     """
     given = known or {}
-    if (parameters or FollowParameters()).estimator == BEST:
-        prepare()  # not at the expense of the first instant
+    prepare()  # not at the expense of the first instant
     for now in instants:
         if now.frame in given and (state is None or not state.sure):
             # the time has to increase

@@ -53,7 +53,16 @@ TOP = {
     ),
     "images": (
         "From frames to matches",
-        ["background", "pixel_loops", "kalman", "image_track", "blobs", "markers", "matching"],
+        [
+            "background",
+            "pixel_loops",
+            "kalman",
+            "image_track",
+            "blobs",
+            "markers",
+            "marker_loops",
+            "matching",
+        ],
     ),
     "pose": (
         "From points to the pose",
