@@ -19,24 +19,25 @@ from scipy.spatial.transform import RigidTransform
 from ..blobs import RING_PX
 from ..camera import Camera, Rig
 from ..checks import Array, frozen
+from ..datasets import load_handle, load_rig, load_table1
 from ..estimators import estimate
 from ..estimators.identified import Identified
 from ..estimators.pixels import Fit, fit_patches, judged
 from ..estimators.pixels import prepare as prepare_fit
 from ..handle import Handle
 from ..identity import labelled_pixels
-from ..identity.hypotheses import FAR, Observed, Poses, explain, fit, ideal_pixels, predict
+from ..identity.hypotheses import FAR, Observed, Poses, explain, ideal_pixels, predict
 from ..identity.layout import layout_of, views_of
 from ..identity.reconcile import reconciled
 from ..markers import Markers, markers_at
 from ..methods import BEST
 from ..pose import LOST, Pose, fit_pose
-from ..rigid import apart, motion_between, placed, shifted
+from ..rigid import apart, motion_between, placed, rotation_of, shifted
 from ..uncertainty.systematic import NOTHING, offsets_at
 from ..uncertainty.usual import known_covariance
 from ..window import Window
 from .parameters import FollowParameters
-from .posefilter import Motion, is_new, update
+from .posefilter import Motion, begin, is_new, update
 
 # of a pose that smeared markers agree on, mm and rad: seen by two cameras they tell little of the turn
 AGREED_COVARIANCE = np.diag(np.repeat([0.5, 0.1], 3) ** 2)
@@ -127,8 +128,14 @@ class Followed(NamedTuple):
 
 @cache
 def prepare() -> None:
-    """Load the compiled loops, or compile them where that was never done, once in a process."""
-    markers_at(np.zeros((9, 9), np.uint8), np.full((1, 2), 4.0), 2.0)
+    """Load the compiled loops, or compile them where that was never done: by looking for the handle
+    of a shipped rig in dark images, once in a process.
+    """
+    p = FollowParameters()
+    rig, handle = load_rig("paper_pair"), load_handle("coded")
+    dark = [np.zeros(camera.size[::-1], np.uint8) for camera in rig.cameras]
+    motion = begin(0.0, load_table1().set_poses[0], np.eye(6), p.motion)
+    follow(dark, Guess(motion, expect(rig, handle, motion, p)), rig, handle, p)
     prepare_fit()
 
 
@@ -136,11 +143,11 @@ def expect(rig: Rig, handle: Handle, motion: Motion, p: FollowParameters) -> lis
     """Where a motion predicts the markers, one a camera."""
     views = views_of(rig)
     layout = layout_of(handle, p.identity)
-    predicted = predict(_batch(motion.pose), views, layout)
-    ahead = predict(_batch(shifted(motion.pose, p.exposure_s * motion.rates[:6])), views, layout)
-    blur = np.linalg.norm(ahead.uv - predicted.uv, axis=2)[0].max(axis=1)
+    ahead = shifted(motion.pose, p.exposure_s * motion.rates[:6])
+    predicted = predict(_batch(motion.pose, ahead), views, layout)
+    blur = np.linalg.norm(predicted.uv[1] - predicted.uv[0], axis=1).max(axis=1)
     facing = predicted.facing[0] > np.cos(np.deg2rad(p.expected_slant_deg))
-    uv = np.where(facing[..., None], views.as_taken(predicted.uv)[0].transpose(0, 2, 1), np.nan)
+    uv = np.where(facing[..., None], views.as_taken(predicted.uv[:1])[0].transpose(0, 2, 1), np.nan)
     depths = np.maximum(predicted.points[0, :, 2].mean(axis=1), 1.0)
     sizes = handle.marker_diameter_mm * views.focal.max(axis=1) / depths
     return [Expected(*one) for one in zip(uv, sizes.tolist(), blur.tolist(), strict=True)]
@@ -185,9 +192,9 @@ def _look(
     return Sight(window, markers + corner)
 
 
-def _batch(T: RigidTransform) -> Poses:
-    matrix = T.as_matrix()
-    return Poses(matrix[None, :3, :3], matrix[None, :3, 3])
+def _batch(*poses: RigidTransform) -> Poses:
+    matrices = np.stack([pose.as_matrix() for pose in poses])
+    return Poses(matrices[:, :3, :3], matrices[:, :3, 3])
 
 
 def follow(
@@ -425,17 +432,27 @@ def _agreed(
     pixels: Sequence[Array], rig: Rig, handle: Handle, start: RigidTransform, p: FollowParameters
 ) -> tuple[RigidTransform | None, tuple[np.ndarray, ...]]:
     """The pose that most of the markers agree with, and those that do."""
+    from . import pose_loop  # only here: a browser has no Numba
+
     uv = ideal_pixels(rig, pixels)
     offsets = offsets_at(rig, start.translation)
-    observed = Observed(views_of(rig), layout_of(handle, p.identity), uv, offsets=offsets)
-    markers = np.arange(uv.shape[2])
-    poses = _batch(start)
-    labels = np.where(uv[:, 0] < FAR, markers, -1)[None]
+    views = views_of(rig)
+    layout = layout_of(handle, p.identity)
+    observed = Observed(views, layout, uv, offsets=offsets)
     # A wide gate first, as wide as the search for an unknown pose begins with, then a narrow one.
-    for gate, steps in ((4.0, 2), (1.5, 1)):
-        poses = fit(poses, labels, observed, p.identity, steps)
-        explained = explain(poses, observed, gate * p.identity.gate_px, p.identity)
-        labels = np.where(explained.labels == markers, explained.labels, -1)
+    gates_px = np.array([4.0, 1.5]) * p.identity.gate_px
+    R, t = pose_loop.approach(
+        rotation_of(start).copy(),
+        start.translation,
+        (views.rotations, views.translations, views.focal, views.principal),
+        (layout.centres, layout.normals, layout.tangents, layout.slants, layout.shift),
+        np.array([np.cos(np.deg2rad(p.identity.steep_deg)), layout.limb, gates_px[0]]),
+        uv,
+        uv[:, 0] < FAR,
+    )
+    poses = Poses(R[None], t[None])
+    explained = explain(poses, observed, gates_px[1], p.identity)
+    labels = np.where(explained.labels == np.arange(uv.shape[2]), explained.labels, -1)
     count = int((labels >= 0).sum())
     freedom = max(2 * count - 6 - int(explained.spared[0]), 1)
     residual = np.sqrt(np.where(labels >= 0, explained.squares, 0.0).sum() / freedom)
