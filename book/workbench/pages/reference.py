@@ -48,6 +48,7 @@ TOP = {
             "datasets",
             "recordings",
             "checks",
+            "memory",
             "workers",
         ],
     ),
