@@ -24,7 +24,7 @@ def room(shape: tuple[int, ...], dtype: DTypeLike = float) -> np.ndarray:
     try:
         memory = _let_go[size].pop()
     except IndexError:
-        memory = memoryview(np.empty(size, np.uint8))
+        memory = np.empty(size, np.uint8).data
     whole = np.frombuffer(memory, dtype, count)
     # each view holds `whole`, so that it ends after the last of them
     weakref.finalize(whole, _let_go[size].append, memory).atexit = False
