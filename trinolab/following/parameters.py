@@ -15,6 +15,7 @@ _POSITIVE = (
     "max_fit_residual_px",
     "max_sigma_mm",
     "max_sigma_deg",
+    "most_work",
     "shift_sigma_px",
 )
 _NOT_NEGATIVE = (
@@ -74,9 +75,9 @@ class FollowParameters(Parameters):
         Found markers in all cameras from which on pixels are fitted.
     min_shown_share : float
         Share of the expected markers that a camera must show for the image model to count it.
-    most_fits : int
-        Fits of the image model in one instant. They take nearly all of its time; what they do not
-        find is looked for in the next one.
+    most_work : float
+        Units of `work.Work` that one instant takes at most. What they do not suffice for is done in
+        the next one.
     search_px : float
         Largest shift of the handle's image that is looked for where the handle is not in its place.
     search_step_px : int
@@ -112,7 +113,7 @@ class FollowParameters(Parameters):
     agreed_deg: float = 2.5
     min_found: int = 3
     min_shown_share: float = 0.55
-    most_fits: int = 2
+    most_work: float = 250.0
     search_px: float = 60.0
     search_step_px: int = 3
     min_response: float = 2.0
@@ -136,7 +137,6 @@ class FollowParameters(Parameters):
             as_number(getattr(self, name), name, low=0.0, high=180.0)
         as_number(self.min_shown_share, "min_shown_share", low=0.0, high=1.0)
         as_whole(self.min_found, "min_found", low=1)
-        as_whole(self.most_fits, "most_fits", low=1)
         as_whole(self.search_step_px, "search_step_px", low=1)
 
     @property
