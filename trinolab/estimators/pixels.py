@@ -75,6 +75,9 @@ class Round(NamedTuple):
     steps: int
 
 
+# work of a step for a cell, in units of `work.Work`
+MOVING_CELL = 1e-3
+STILL_CELL = 0.7e-3
 # of a handle that moves: from a start that is some pixels off, and to the end
 COARSE = Round(5_000, 3)
 FINE = Round(18_000, 5)
@@ -295,14 +298,14 @@ def _fitted(
         if not taken.settled or smear_px > SMEARED_PX:
             return taken
         least_gain = LEAST_GAIN_MOVING
-    if work.left < most_steps * _units(windows) or not shows_gloss(taken.model, handle, least_gain):
+    if work.left < 2 * _units(state, windows) or not shows_gloss(taken.model, handle, least_gain):
         return taken
     return _stepped(with_gloss(taken.after), windows, rig, handle, most_steps, work)
 
 
-def _units(windows: Patches) -> float:
+def _units(state: State, windows: Patches) -> float:
     """The work of a step."""
-    return windows.drawn.xy[0].size / 1000
+    return windows.drawn.xy[0].size * (STILL_CELL if state.motion_blur is None else MOVING_CELL)
 
 
 def _stepped(
@@ -316,7 +319,7 @@ def _stepped(
     taken = None
     settled = False
     for _ in range(most_steps):
-        if settled or not work.takes(_units(windows)):
+        if settled or not work.takes(_units(state, windows)):
             break
         before = taken
         taken = _improved(state if before is None else before.after, windows, rig, handle)

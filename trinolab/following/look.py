@@ -37,6 +37,8 @@ from ..work import Work
 from .parameters import FollowParameters
 from .posefilter import Motion, is_new, update
 
+# work of a guess without the steps of its fits, in units of `work.Work`
+GUESS_UNITS = 25.0
 # of a pose that smeared markers agree on, mm and rad: seen by two cameras they tell little of the turn
 AGREED_COVARIANCE = np.diag(np.repeat([0.5, 0.1], 3) ** 2)
 
@@ -195,6 +197,8 @@ def follow(
     `before` is the rig as the last instant left it. It serves where too few markers are found, or
     they are smeared too much, to say how this one does. Of `work` fits take no more than is left.
     """
+    work = work or Work()
+    work.left -= GUESS_UNITS
     sights = look(images, guess.expected, rig, handle, p)
     pixels = tuple(sight.found[:, :2] for sight in sights)
     T, labels = _agreed(pixels, rig, handle, guess.motion.pose, p)
@@ -240,7 +244,7 @@ def _fitted_still(
     instant: Identified | None,
     handle: Handle,
     p: FollowParameters,
-    work: Work | None,
+    work: Work,
 ) -> Followed:
     """What was followed with the pose of a handle that is still, if it is; `instant` is what the
     markers agree on.
@@ -276,7 +280,7 @@ def _fitted_moving(
     instant: Identified | None,
     handle: Handle,
     p: FollowParameters,
-    work: Work | None,
+    work: Work,
 ) -> Followed:
     """What was followed with the pose of a handle that moves while the shutter is open."""
     fit = _moving_fit(images, followed.guess, instant, followed.rig, handle, p, work)
@@ -297,7 +301,7 @@ def _moving_fit(
     rig: Rig,
     handle: Handle,
     p: FollowParameters,
-    work: Work | None,
+    work: Work,
 ) -> Fit | None:
     """The image model of a handle that moves while the shutter is open, fitted from the pose that
     the markers agree on, which tells of the velocity as well; else from where the images have the

@@ -18,7 +18,7 @@ from scipy.spatial.transform import RigidTransform
 
 from ..camera import Rig
 from ..checks import Array, as_number, as_transform
-from ..estimators.pixels import COARSE, FINE, prepare
+from ..estimators.pixels import prepare
 from ..files.recording import Frames
 from ..handle import Handle
 from ..identity import choose, equivalents, relabel
@@ -42,8 +42,10 @@ from .look import (
 from .parameters import FollowParameters
 from .posefilter import Motion, PoseFilterParameters
 
-# the work of a fit of a handle that moves: what a guess begins with, and a search leaves
-FIT_UNITS = (COARSE.cells * COARSE.steps + FINE.cells * FINE.steps) / 1000
+# share of an instant's work without which a guess is not begun: few steps lead nowhere
+LEAST_SHARE = 1 / 3
+# share that a search leaves for the fit of what it finds
+SEARCH_LEAVES = 1 / 2
 
 
 class TrackState(NamedTuple):
@@ -210,7 +212,7 @@ def step(
     as_predicted = follow(images, first, rig, handle, p, state.rig, work)
     best = _better(None, as_predicted, rig, handle, p)
     guesses = _further_guesses(images, first, state, rig, handle, p, work)
-    while work.left >= FIT_UNITS and not _enough_cameras(best, rig):
+    while work.left >= LEAST_SHARE * p.most_work and not _enough_cameras(best, rig):
         guess = next(guesses, None)
         if guess is None:
             break
@@ -289,10 +291,11 @@ def _in_whole_images(
     """The motion to where the markers of the whole images have the handle; the prediction only
     chooses among poses that look alike.
     """
-    work.left -= FIT_UNITS
     whole = [Window(0, 0, *camera.size) for camera in rig.cameras]
+    kept = SEARCH_LEAVES * p.most_work
+    work.left -= kept
     _, hypotheses = identified(images, whole, rig, handle, p, work)
-    work.left += FIT_UNITS
+    work.left += kept
     if not hypotheses:
         return None
     T, labels, sure = chosen(hypotheses, images, rig, handle, predicted.pose, p)
@@ -340,13 +343,15 @@ def _sought(
     images: list[np.ndarray], t: float, rig: Rig, handle: Handle, p: FollowParameters, work: Work
 ) -> tuple[TrackState, Tracked]:
     """The handle looked for in whole images, with nothing known."""
-    work.left -= FIT_UNITS  # of the pose that is found
+    work.left -= SEARCH_LEAVES * p.most_work
     measurement = measure(images, rig, handle, None, p, work=work)
     tracked = Tracked(measurement, tuple(Window(0, 0, *camera.size) for camera in rig.cameras))
     pose = measurement.pose
     sure = pose.status == "measured"
     if pose.T_world_handle is None or not (sure or len(handle.symmetries) > 1):
-        return TrackState(t, None, None, False, cursor=work.cursor), tracked
+        # a pose that is not sure is looked for in the same way again
+        cursor = work.cursor if pose is LOST else 0
+        return TrackState(t, None, None, False, cursor=cursor), tracked
     begun = posefilter.begin(t, pose.T_world_handle, pose.covariance_random, p.motion)
     return TrackState(t, begun, begun, sure, None, pose.systematic), tracked
 
