@@ -291,8 +291,10 @@ def _in_whole_images(
     """The motion to where the markers of the whole images have the handle; the prediction only
     chooses among poses that look alike.
     """
-    whole = [Window(0, 0, *camera.size) for camera in rig.cameras]
     kept = SEARCH_LEAVES * p.most_work
+    if work.left <= kept:
+        return None
+    whole = [Window(0, 0, *camera.size) for camera in rig.cameras]
     work.left -= kept
     _, hypotheses = identified(images, whole, rig, handle, p, work)
     work.left += kept

@@ -48,6 +48,7 @@ TOP = {
             "datasets",
             "recordings",
             "checks",
+            "work",
             "workers",
         ],
     ),
