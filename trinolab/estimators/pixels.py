@@ -26,6 +26,7 @@ from ..uncertainty.centroids import pulled_alike
 from ..uncertainty.contradiction import honest
 from ..uncertainty.size import Residuals
 from ..uncertainty.systematic import NOTHING, Response, contradict, is_uncertain, slopes_at
+from ..work import Work
 from .appearance import Views
 from .identified import Identified
 from .imagemodel import (
@@ -74,6 +75,9 @@ class Round(NamedTuple):
     steps: int
 
 
+# work of a step for a cell, in units of `work.Work`
+MOVING_CELL = 1e-3
+STILL_CELL = 0.7e-3
 # of a handle that moves: from a start that is some pixels off, and to the end
 COARSE = Round(5_000, 3)
 FINE = Round(18_000, 5)
@@ -174,6 +178,7 @@ def fit_patches(
     smear_above: float = np.inf,
     is_far: bool = False,
     corrects: bool = True,
+    work: Work | None = None,
 ) -> Fit | None:
     """Improve a pose by the pixels about all markers that it shows.
 
@@ -198,17 +203,23 @@ def fit_patches(
     corrects : bool
         Whether the pose is corrected by what its residuals say of rig and layout, see
         `uncertainty.contradiction.honest`.
+    work : Work, optional
+        Steps are taken as long as it is left; without it there is no limit.
 
     Returns
     -------
     Fit or None
-        None if too little is in view to fix a pose, or the steps lead away.
+        None if too little is in view to fix a pose, the steps lead away, or there is no work left for
+        one.
     """
+    work = work or Work()
     if motion_blur is not None:
         rounds = (COARSE, FINE) if is_far else (FINE,)
-        return _moving_fit(images, rig, handle, start, max_slant_deg, motion_blur, rounds, corrects)
+        return _moving_fit(
+            images, rig, handle, start, max_slant_deg, motion_blur, rounds, corrects, work
+        )
     windows = patches(images, rig, handle, start, max_slant_deg)
-    taken = _fitted(first_state(start, rig), windows, rig, handle, MOST_STEPS)
+    taken = _fitted(first_state(start, rig), windows, rig, handle, MOST_STEPS, work)
     if taken is None:
         return None
     return _fit_of(_concluded(taken, windows, rig), taken.after, rig, handle, corrects, smear_above)
@@ -235,6 +246,7 @@ def _moving_fit(
     motion_blur: tuple[Array, Array],
     rounds: Sequence[Round],
     corrects: bool,
+    work: Work,
 ) -> Fit | None:
     """The fit of a handle that moves while the shutter is open, in rounds: the windows of each lie
     where the one before has the markers.
@@ -245,13 +257,13 @@ def _moving_fit(
     *first, last = rounds
     for most in first:
         windows = _moving_windows(images, state, max_slant_deg, rig, handle, most)
-        taken = _stepped(state, windows, rig, handle, most.steps)
+        taken = _stepped(state, windows, rig, handle, most.steps, work)
         if taken is None:
             return None
         # greys are those of other windows
         state = taken.after._replace(greys=None)
     windows = _moving_windows(images, state, max_slant_deg, rig, handle, last)
-    taken = _fitted(state, windows, rig, handle, last.steps)
+    taken = _fitted(state, windows, rig, handle, last.steps, work)
     if taken is None:
         return None
     return _fit_of(_concluded(taken, windows, rig), taken.after, rig, handle, corrects)
@@ -273,10 +285,10 @@ def _moving_windows(
 
 
 def _fitted(
-    state: State, windows: Patches, rig: Rig, handle: Handle, most_steps: int
+    state: State, windows: Patches, rig: Rig, handle: Handle, most_steps: int, work: Work
 ) -> _Taken | None:
-    """As `_stepped`, once more with gloss where the windows show it."""
-    taken = _stepped(state, windows, rig, handle, most_steps)
+    """As `_stepped`, once more with gloss where the windows show it and the work is left."""
+    taken = _stepped(state, windows, rig, handle, most_steps, work)
     if taken is None:
         return None
     least_gain = LEAST_GAIN
@@ -286,30 +298,35 @@ def _fitted(
         if not taken.settled or smear_px > SMEARED_PX:
             return taken
         least_gain = LEAST_GAIN_MOVING
-    if not shows_gloss(taken.model, handle, least_gain):
+    if work.left < 2 * _units(state, windows) or not shows_gloss(taken.model, handle, least_gain):
         return taken
-    return _stepped(with_gloss(taken.after), windows, rig, handle, most_steps)
+    return _stepped(with_gloss(taken.after), windows, rig, handle, most_steps, work)
+
+
+def _units(state: State, windows: Patches) -> float:
+    """The work of a step."""
+    return windows.drawn.xy[0].size * (STILL_CELL if state.motion_blur is None else MOVING_CELL)
 
 
 def _stepped(
-    state: State, windows: Patches, rig: Rig, handle: Handle, most_steps: int
+    state: State, windows: Patches, rig: Rig, handle: Handle, most_steps: int, work: Work
 ) -> _Taken | None:
-    """The last of so many steps, or of as many as are worth it; None if too little is in view, or
-    the steps lead away.
+    """The last of so many steps, or of as many as are worth it and the work is left for; None if
+    that is none, too little is in view, or the steps lead away.
     """
     if len(np.unique(windows.views.marker)) < 3:
         return None
-    taken = _improved(state, windows, rig, handle)
+    taken = None
     settled = False
-    for _ in range(most_steps - 1):
+    for _ in range(most_steps):
+        if settled or not work.takes(_units(state, windows)):
+            break
+        before = taken
+        taken = _improved(state if before is None else before.after, windows, rig, handle)
         if _leads_away(taken):
             return None
-        before = taken
-        taken = _improved(before.after, windows, rig, handle)
-        settled = _has_settled(taken, before, windows, handle)
-        if settled:
-            break
-    return None if _leads_away(taken) else taken._replace(settled=settled)
+        settled = before is not None and _has_settled(taken, before, windows, handle)
+    return taken and taken._replace(settled=settled)
 
 
 def _leads_away(taken: _Taken) -> bool:

@@ -36,9 +36,12 @@ from ..rigid import apart, motion_between, placed, rotation_of, shifted
 from ..uncertainty.systematic import NOTHING, offsets_at
 from ..uncertainty.usual import known_covariance
 from ..window import Window
+from ..work import Work
 from .parameters import FollowParameters
 from .posefilter import Motion, begin, is_new, update
 
+# work of a guess without the steps of its fits, in units of `work.Work`
+GUESS_UNITS = 25.0
 # of a pose that smeared markers agree on, mm and rad: seen by two cameras they tell little of the turn
 AGREED_COVARIANCE = np.diag(np.repeat([0.5, 0.1], 3) ** 2)
 
@@ -71,14 +74,11 @@ class Guess(NamedTuple):
         Where that has the markers, one a camera.
     blurred : bool
         Whether the handle is fitted as one that moves while the shutter is open.
-    min_cameras : int
-        How many cameras must show it.
     """
 
     motion: Motion
     expected: list[Expected]
     blurred: bool = False
-    min_cameras: int = 1
 
 
 class Sight(NamedTuple):
@@ -111,8 +111,6 @@ class Followed(NamedTuple):
     rig : Rig
         With which it was measured: what the markers contradict each other has corrected it, see
         `identity.reconcile`.
-    fits : int
-        How often the image model was fitted: what takes the time.
     smear_px : float
         How long the markers are smeared by the handle's motion; NaN where it was not asked.
     """
@@ -122,7 +120,6 @@ class Followed(NamedTuple):
     labels: tuple[np.ndarray, ...]
     sights: tuple[Sight, ...]
     rig: Rig
-    fits: int
     smear_px: float
 
 
@@ -204,6 +201,7 @@ def follow(
     handle: Handle,
     p: FollowParameters,
     before: Rig | None = None,
+    work: Work | None = None,
 ) -> Followed:
     """Look for the markers where a guess has them, and measure the pose from those that are there.
 
@@ -213,20 +211,22 @@ def follow(
     are worth less than that when limb and neighbours are blurred together.
 
     `before` is the rig as the last instant left it. It serves where too few markers are found, or
-    they are smeared too much, to say how this one does.
+    they are smeared too much, to say how this one does. Of `work` fits take no more than is left.
     """
+    work = work or Work()
+    work.left -= GUESS_UNITS
     sights = look(images, guess.expected, rig, handle, p)
     pixels = tuple(sight.found[:, :2] for sight in sights)
     T, labels = _agreed(pixels, rig, handle, guess.motion.pose, p)
     if T is None:
-        followed = Followed(guess, LOST, labels, sights, before or rig, 0, np.nan)
+        followed = Followed(guess, LOST, labels, sights, before or rig, np.nan)
         if not _enough_markers(sights, p):
             return followed  # it is elsewhere
         instant = None
     else:
         uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
         instant = Identified(images, uv, T, _expected_blur(guess.motion, p))
-        followed = Followed(guess, LOST, labels, sights, rig, 0, np.nan)
+        followed = Followed(guess, LOST, labels, sights, rig, np.nan)
     moves = guess.blurred or (
         _may_move(guess, p) and _stretched(guess.expected, followed.sights, p)
     )
@@ -238,9 +238,9 @@ def follow(
         instant = instant._replace(T_world_handle=T)
         followed = followed._replace(rig=rig)
     if not moves:
-        followed = _fitted_still(followed, images, instant, handle, p)
+        followed = _fitted_still(followed, images, instant, handle, p, work)
         moves = followed.smear_px > p.blurred_px
-    return _fitted_moving(followed, images, instant, handle, p) if moves else followed
+    return _fitted_moving(followed, images, instant, handle, p, work) if moves else followed
 
 
 def _states_errors(rig: Rig) -> bool:
@@ -260,6 +260,7 @@ def _fitted_still(
     instant: Identified | None,
     handle: Handle,
     p: FollowParameters,
+    work: Work,
 ) -> Followed:
     """What was followed with the pose of a handle that is still, if it is; `instant` is what the
     markers agree on.
@@ -280,12 +281,13 @@ def _fitted_still(
         p.max_slant_deg,
         smear_above=smear_above,
         corrects=False,
+        work=work,
     )
     if may_move and not _still(fit, p):
         # where hardly a marker fits its smear is not known, and may be long
         smear_px = np.inf if fit is None or fit.shown.sum() < 4 else fit.smear_px
-        return followed._replace(fits=1, smear_px=smear_px)
-    return followed._replace(pose=_judged(fit, rig, p), fits=1)
+        return followed._replace(smear_px=smear_px)
+    return followed._replace(pose=_judged(fit, rig, p))
 
 
 def _fitted_moving(
@@ -294,12 +296,13 @@ def _fitted_moving(
     instant: Identified | None,
     handle: Handle,
     p: FollowParameters,
+    work: Work,
 ) -> Followed:
     """What was followed with the pose of a handle that moves while the shutter is open."""
-    fit = _moving_fit(images, followed.guess, instant, followed.rig, handle, p)
+    fit = _moving_fit(images, followed.guess, instant, followed.rig, handle, p, work)
     smear_px = np.nan if fit is None else fit.smear_px
     pose = _judged(fit, followed.rig, p)
-    return followed._replace(pose=pose, fits=followed.fits + 1, smear_px=smear_px)
+    return followed._replace(pose=pose, smear_px=smear_px)
 
 
 def _enough_markers(sights: Sequence[Sight], p: FollowParameters) -> bool:
@@ -314,6 +317,7 @@ def _moving_fit(
     rig: Rig,
     handle: Handle,
     p: FollowParameters,
+    work: Work,
 ) -> Fit | None:
     """The image model of a handle that moves while the shutter is open, fitted from the pose that
     the markers agree on, which tells of the velocity as well; else from where the images have the
@@ -334,6 +338,7 @@ def _moving_fit(
         motion_blur=_expected_blur(motion, p),
         is_far=instant is None,
         corrects=False,
+        work=work,
     )
 
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from ..camera import Camera, Rig, RigCovariance
-from ..checks import Array, as_array, as_number
+from ..checks import Array, as_array, as_number, as_whole
 from .posefilter import Motion
 from .posetracker import TrackState
 
@@ -34,6 +34,7 @@ def text_of(state: TrackState, rig: Rig) -> str:
             "rig": measured_with,
             "systematic": np.asarray(state.systematic).tolist(),
             "blurred": bool(state.blurred),
+            "cursor": state.cursor,
         }
     )
 
@@ -50,6 +51,7 @@ def state_of(text: str, rig: Rig) -> TrackState:
             None if content["rig"] is None else _rig(content["rig"], rig),
             _numbers(content["systematic"], (6, 6)),
             content["blurred"] is True,
+            as_whole(content["cursor"], "cursor", low=0),
         )
     except (KeyError, TypeError, AttributeError, RecursionError) as error:
         raise ValueError(f"no state of a track ({error})") from None

@@ -49,6 +49,7 @@ TOP = {
             "recordings",
             "checks",
             "memory",
+            "work",
             "workers",
         ],
     ),

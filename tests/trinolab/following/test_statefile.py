@@ -26,12 +26,12 @@ def a_state():
     p = posefilter.PoseFilterParameters()
     seen = posefilter.begin(0.1, POSE, np.diag(rng.uniform(1, 2, 6)), p)
     motion = posefilter.predict(seen._replace(rates=rng.normal(size=12)), 0.15, p)
-    return TrackState(0.15, motion, seen, True, rig, rng.normal(size=(6, 6)), True)
+    return TrackState(0.15, motion, seen, True, rig, rng.normal(size=(6, 6)), True, 4)
 
 
 def numbers(state):
     """All that a state says, as one list of numbers."""
-    parts = [state.t_s, state.sure, state.blurred, *np.ravel(state.systematic)]
+    parts = [state.t_s, state.sure, state.blurred, state.cursor, *np.ravel(state.systematic)]
     for motion in (state.motion, state.seen):
         parts += [motion.t_s, *motion.rates, *motion.covariance.ravel()]
         parts += motion.pose.as_matrix().ravel().tolist()
