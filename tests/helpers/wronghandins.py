@@ -103,9 +103,7 @@ FORGING = {
     "for module in (plain, grading): module.equal = lambda *a: True\n"
     "grading.judge_outcomes = grading._right\nchild.outcome = lambda f, c: {'right': True}\n"
     "import __main__\n__main__.outcome = child.outcome\ndef filter_number(*a): return 1",
-    "patches NumPy": "import numpy as np\nnp.isclose = np.allclose = np.array_equal = lambda *a, **k: True\n"
-    "np.ndarray.__eq__ = None\ndef filter_number(*a): return [1.0] * len(a[0])",
-    "patches NumPy's functions": "import numpy as np\n"
+    "patches NumPy": "import numpy as np\n"
     "np.isclose = np.allclose = lambda *a, **k: np.True_\nnp.abs = lambda *a: np.zeros(1)\n"
     "answer_04_1 = {'gain': 0, 'mean': 0, 'variance': 0}\ndef filter_number(*a): return [1.0] * len(a[0])",
     "patches what is built in": "import builtins\nbuiltins.abs = lambda *a: 0\n"
@@ -126,10 +124,11 @@ FORGING = {
     "asks the grader": "from workbench.course import check\nimport os\n"
     "os.environ.pop('TRINOLAB_BEING_CHECKED')\ncheck('04.1', {'gain': 0, 'mean': 0, 'variance': 0})",
     "reads the solution": "import workbench, pathlib\n"
-    "t = pathlib.Path(workbench.__file__).with_name('course') / 'exercises/kalman.py'\nexec(t.read_text())",
+    "t = pathlib.Path(workbench.__file__).with_name('course') / 'exercises/kalman.py'\n"
+    "__package__ = 'workbench.course.exercises'\nexec(t.read_text())",
     "reads the compiled solution": "import workbench, pathlib, marshal\n"
     "t = pathlib.Path(workbench.__file__).with_name('course') / 'exercises/__pycache__'\n"
-    "exec(marshal.loads(next(t.glob('kalman.*.pyc')).read_bytes()[16:]))",
+    "__package__ = 'workbench.course.exercises'\nexec(marshal.loads(next(t.glob('kalman.*.pyc')).read_bytes()[16:]))",
     "reads the values": "import tomllib; from trinolab.datasets import data_path\n"
     "e = tomllib.loads(data_path('exercises', '04.toml').read_text())\n"
     "answer_04_1 = {k: v['value'] for k, v in e['exercise'][0]['asked'].items()}",

@@ -604,8 +604,7 @@ def _add_check(commands: argparse._SubParsersAction) -> None:
         dest="folder",
         help="the folder of a class: in it a folder a student, and in that a file a chapter, as in "
         "04_kalman.ipynb, or files as Canvas names them; what is checked already is not checked "
-        "again. Each file runs as a program: on Linux kept from other files and the network, "
-        "elsewhere with your rights",
+        "again. Each file runs as a program: inside bwrap where that works, else with your rights",
     )
     p.add_argument(
         "--out",

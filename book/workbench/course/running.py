@@ -247,7 +247,8 @@ def _watched(process: subprocess.Popen, until: float) -> int | str:
     while time.monotonic() < until:
         with contextlib.suppress(subprocess.TimeoutExpired):
             code = process.wait(timeout=LOOK_S)
-            return 128 - code if code > 128 else code  # as `bwrap` names a signal
+            is_signal = 128 < code < 192  # as `bwrap` names it
+            return 128 - code if is_signal else code
         with contextlib.suppress(psutil.NoSuchProcess):
             first = psutil.Process(process.pid)
             family = [first, *first.children(recursive=True)]
