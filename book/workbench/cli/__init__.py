@@ -58,6 +58,7 @@ EXTRAS = {
     "nbclient": "book",
     "nbformat": "course",
     "pooch": "workbench",
+    "psutil": "course",
     "pyvista": "slave",
     "rosbags": "ros",
     "tornado": "live",

@@ -22,6 +22,12 @@ from . import sandbox
 from .child import BEING_CHECKED, MEMORY, Call, Work, outcome
 from .plain import checked_plain
 
+# Python in a browser has none: there a function runs in the session that asks, and nothing but that
+# session's end stops it. Such a verdict is not for marks, and says so.
+HAS_PROCESSES = sys.platform not in ("emscripten", "wasi")
+if HAS_PROCESSES:
+    import psutil
+
 CPU_S = 10.0  # a function, in all its cases
 CELLS_S = 300.0  # a file: it may be a whole chapter, with the chapter's own cells
 # A function, in all its cases, that waits and does not compute: a busy machine needs a multiple of a
@@ -33,9 +39,6 @@ PROCESSES = 16  # at once
 LOOK_S = 0.1  # how often memory and processes are looked at
 COPIED, COPIED_FILES = 64 * 2**20, 200  # bytes and number of the files beside the one that is run
 TIME_UP, OUT_OF_CPU, KILLED = 14, 24, 9  # the signals SIGALRM, SIGXCPU, SIGKILL
-# Python in a browser has none: there a function runs in the session that asks, and nothing but that
-# session's end stops it. Such a verdict is not for marks, and says so.
-HAS_PROCESSES = sys.platform not in ("emscripten", "wasi")
 # of this process's environment: what Python and its libraries need
 HANDED_ON = (
     "PATH",
@@ -100,7 +103,7 @@ def run_given(
     environment = {**os.environ, "PYTHONPATH": _python_path()}
     command = [sys.executable, "-m", "workbench.course.child"]
     work = Work(pickled, (), calls, (), cpu_s, cpu_s, wait_s)
-    return _run(command, work, wait_s * len(calls), environment)
+    return _run(command, work, wait_s * len(calls), env=environment)
 
 
 def _run_here(copies: Mapping[str, Any], calls: Sequence[Call]) -> Found:
@@ -152,7 +155,7 @@ def run_file(
         if sandbox.works():
             command = sandbox.inside(command, own)
         work = Work(None, tuple(cells), calls, values, cells_s, CPU_S, WAIT_S)
-        return _run(command, work, enough_s, environment, own)
+        return _run(command, work, enough_s, env=environment, cwd=own)
 
 
 def _python_path() -> str:
@@ -182,18 +185,12 @@ def _beside(folder: Path) -> Iterator[Path]:
                 yield path
 
 
-def _run(
-    command: Sequence[str],
-    work: Work,
-    enough_s: float,
-    environment: Mapping[str, str],
-    own: Path | None = None,
-) -> Found:
+def _run(command: Sequence[str], work: Work, enough_s: float, **where: Any) -> Found:
     """Start a process, and another one for what is left where a function took the first one along."""
     found = Found()
     until = time.monotonic() + enough_s
     while True:
-        report, ended = _reported(command, work, until, environment, own)
+        report, ended = _reported(command, work, until, **where)
         at = _take(report, work, found)
         if at is None:
             return found
@@ -213,11 +210,7 @@ def _run(
 
 
 def _reported(
-    command: Sequence[str],
-    work: Work,
-    until: float,
-    environment: Mapping[str, str],
-    own: Path | None,
+    command: Sequence[str], work: Work, until: float, **where: Any
 ) -> tuple[list[Any], int | str]:
     """Run a process; the lines that it has written, and its exit code or why it was ended."""
     with tempfile.TemporaryFile() as asked, tempfile.TemporaryFile() as said:
@@ -228,9 +221,8 @@ def _reported(
             stdin=asked,
             stdout=said,
             stderr=subprocess.DEVNULL,
-            env=environment,
-            cwd=own,
             start_new_session=True,
+            **where,
         )
         try:
             ended = _watched(process, until)
@@ -242,8 +234,6 @@ def _reported(
 
 def _watched(process: subprocess.Popen, until: float) -> int | str:
     """Wait for a process; its exit code, or why it has to be ended."""
-    import psutil
-
     while time.monotonic() < until:
         with contextlib.suppress(subprocess.TimeoutExpired):
             code = process.wait(timeout=LOOK_S)
@@ -260,8 +250,6 @@ def _watched(process: subprocess.Popen, until: float) -> int | str:
 
 
 def _memory(process: Any) -> int:
-    import psutil
-
     with contextlib.suppress(psutil.Error):
         return process.memory_info().rss
     return 0
