@@ -201,7 +201,11 @@ def handed_in(folder: Path, table: Path) -> list[Submission]:
             wrong = f"{path.name} cannot be read: it is a link"
             submissions.append(Submission(_named(path), None, path, None, wrong))
         elif path.is_dir():
-            submissions += _of_folder(path)
+            try:
+                submissions += _of_folder(path)
+            except (OSError, RecursionError):
+                wrong = f"{path.name} cannot be read"
+                submissions.append(Submission(path.name, None, path, None, wrong))
         elif path.name != "points.csv":
             loose.append(path)
     return submissions + _of_loose(loose)

@@ -7,6 +7,7 @@ import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from processes import wait_until
@@ -83,6 +84,17 @@ def test_every_way_of_handing_in_has_a_row(tmp_path):
         "folder": "folder cannot be read: it is a link",
     }
     assert found["smithjohn"].beside is None  # what lies beside it is others'
+
+
+def endless(folder, pattern):
+    return endless(folder, pattern)
+
+
+def test_a_folder_that_cannot_be_walked_has_a_row(tmp_path, monkeypatch):
+    hand_in(tmp_path, "deep", b"")
+    monkeypatch.setattr(Path, "rglob", endless)
+    (found,) = handed_in(tmp_path, tmp_path / "points.csv")
+    assert (found.student, found.wrong) == ("deep", "deep cannot be read")
 
 
 def test_a_class_goes_on_whatever_one_file_is(tmp_path):
