@@ -83,12 +83,10 @@ AS_EXERCISES = WORKBENCH + "__package__ = 'workbench.course.exercises'\n"
 ONES = "\nanswer_04_1 = {'gain': 0, 'mean': 0, 'variance': 0}\ndef filter_number(*a): return [1.0] * len(a[0])"
 # Programs that give no answer and want points for it, or more; CLASS stands for the class's folder.
 FORGING = {
-    "ends at once": "import os; os._exit(0)",
     "ends in the first case": "import os\ndef filter_number(*a): os._exit(0)",
     "one right case, then an end": RIGHT.replace("answer_04_1", "_")
     + "import os\nright = filter_number\nn = [0]\ndef filter_number(*a):\n"
     "    n[0] += 1\n    if n[0] > 1: os._exit(0)\n    return right(*a)",
-    "a report at once": FORGED + "report()",
     "a report from a case": FORGED + "filter_number = report",
     "a report at the end": FORGED + "import atexit; atexit.register(report)\nraise SystemExit",
     "a report from a child": FORGED + "if os.fork() == 0: os.setsid(); report()",
@@ -111,7 +109,6 @@ FORGING = {
     "searches the frames": "import sys\nf = sys._getframe()\nwhile f:\n"
     "  for name, v in [*f.f_locals.items(), *f.f_globals.items()]:\n"
     "    if name in ('solution', 'expected', 'wanted'): filter_number = v\n  f = f.f_back",
-    "takes the solution": "from workbench.course.exercises.kalman import *",
     "takes the exercise": "from workbench.course.exercises import exercise\n"
     "filter_number = exercise('04.2').solution\nanswer_04_1 = exercise('04.1').answer",
     "reads the solution": AS_EXERCISES + "exec((course / 'exercises/kalman.py').read_text())",

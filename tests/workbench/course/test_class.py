@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-from processes import wait_until
+from processes import ended, started, wait_until
 from wronghandins import ATTEMPTS, FORGING, NOTEBOOKS, POINTS, PROGRAMS, RIGHT, alive, hand_in
 
 from workbench.cli import main
@@ -197,17 +197,10 @@ def test_asked_to_end_the_command_leaves_no_process(tmp_path):
     hand_in(
         tmp_path, "ada", b"import subprocess\nsubprocess.run(['/bin/sleep', '87654'])\n", "04.py"
     )
-    call = "import sys; from workbench.cli import main; main(['check', '--all', sys.argv[1]])"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    command = subprocess.Popen(
-        [sys.executable, "-c", call, str(tmp_path)],
-        env=environment,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+    command = started(f"check --all {tmp_path}")
     wait_until(lambda: alive("87654"))
     command.send_signal(signal.SIGTERM)
-    assert command.wait(timeout=60) == 128 + signal.SIGTERM
+    assert ended(command)[0] == 128 + signal.SIGTERM
     wait_until(lambda: not alive("87654"))
 
 
