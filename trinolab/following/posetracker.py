@@ -22,7 +22,6 @@ from ..files.recording import Frames
 from ..handle import Handle
 from ..identity import choose, equivalents, relabel
 from ..measurement import Measurement, as_images, chosen, identified, measure
-from ..methods import BEST
 from ..pose import LOST, Pose
 from ..rigid import apart
 from ..uncertainty.systematic import NOTHING

@@ -58,6 +58,7 @@ EXTRAS = {
     "nbclient": "book",
     "nbformat": "course",
     "pooch": "workbench",
+    "psutil": "course",
     "pyvista": "slave",
     "rosbags": "ros",
     "tornado": "live",
@@ -553,6 +554,7 @@ def _accept(a: argparse.Namespace) -> int:
 
 
 def _check(a: argparse.Namespace) -> int:
+    from ..course import sandbox
     from ..course.submissions import as_text, check_class, check_file, file_of
 
     if (a.chapter is None) == (a.folder is None):
@@ -561,12 +563,8 @@ def _check(a: argparse.Namespace) -> int:
         out = Path(a.folder) / "points.csv" if a.out is None else Path(a.out)
         with _ended_in_order():
             table = check_class(Path(a.folder), out)
-        if missing := table.attrs["missing"]:
-            print(
-                f"this system does not keep students' code from: {', '.join(missing)}; "
-                "see trinolab check --help",
-                file=sys.stderr,
-            )
+        if not sandbox.works():
+            print(sandbox.ADVICE, file=sys.stderr)
         say(f"{table.drop(columns='said').to_string(index=False, na_rep='')}\nwritten to {out}")
         return 0
     if a.out is not None:

@@ -50,6 +50,7 @@ COMMANDS = (
     "clear",
     "scoreboard",
 )
+HEAVY = {"numpy", "scipy", "pandas", "cv2"}
 SIZE = (32, 24)
 MEASURE = "measure --rig rig.toml --handle handle.toml --images images --out poses.csv"
 EVALUATE = "evaluate found.csv truth.csv --handle handle.toml"
@@ -457,7 +458,15 @@ def test_the_script_is_installed(folder):
 def test_help_and_interruption_do_not_wait_for_heavy_imports():
     code = "import sys, json, workbench.cli; print(json.dumps(sorted(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not {"numpy", "scipy", "pandas", "cv2"} & set(json.loads(done.stdout))
+    assert not HEAVY & set(json.loads(done.stdout))
+
+
+def test_the_place_of_an_equation_is_said_without_heavy_imports():
+    code = (
+        "import sys, workbench.cli as c; c.main(['eq', '18']); print(*sys.modules, file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not HEAVY & set(done.stderr.split())
 
 
 @pytest.mark.parametrize(("call", "frozen"), [("", False), ("workbench.cli.main(['eq'])", True)])
