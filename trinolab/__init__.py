@@ -58,11 +58,8 @@ what is raised beside that.
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
-
-from .moved import MovedFinder
 
 if TYPE_CHECKING:
     from . import background as background
@@ -133,9 +130,6 @@ FACE = {
     "sweep": "workbench.sweep",
 }
 __all__ = list(FACE)
-
-if not any(isinstance(finder, MovedFinder) for finder in sys.meta_path):
-    sys.meta_path.insert(0, MovedFinder())
 
 
 def __getattr__(name: str) -> Any:
