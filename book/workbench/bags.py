@@ -45,7 +45,7 @@ from trinolab.camera import Camera, Rig
 from trinolab.files import recorder
 from trinolab.files.images import as_grey, check_stated, decoded
 from trinolab.files.inputs import read_csv
-from trinolab.files.kept import sole_writer
+from trinolab.files.kept import sole_writer, stamp
 from trinolab.files.outputs import check_parent, resolved, write_whole
 from trinolab.files.poses import read_poses, transforms
 from trinolab.files.recording import Recording, instants, open_folder
@@ -147,7 +147,7 @@ def track_recording(
     A bag is unpacked beside `out` until the poses are written.
     """
     # loaded here, because `write_bag` can do without the tracker
-    from trinolab.following.track import stamp, track_folder
+    from trinolab.following.track import track_folder
 
     if not is_bag(folder):
         return track_folder(folder, out, rig, handle, timestamps, **options)
@@ -155,9 +155,10 @@ def track_recording(
     inside = Path(f"{out}.{which}{UNPACKED}")
     if not inside.exists():
         unpack_bag(folder, inside, None if rig is None else read_rig(rig), handle)
-    poses = track_folder(inside, out, rig, handle, timestamps, **options)
-    shutil.rmtree(inside)
-    return poses
+    try:
+        return track_folder(inside, out, rig, handle, timestamps, **options)
+    finally:
+        shutil.rmtree(inside)
 
 
 def unpack_bag(

@@ -4,14 +4,16 @@ adds to it.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import takewhile
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from . import limits
 from .outputs import check_target, resolved
@@ -249,6 +251,25 @@ class KeptLines:
                 text = text[self._file.write(text) :]
         except OSError as error:
             raise ValueError(f"{self.path}: cannot be written ({error.strerror})") from None
+
+
+def fingerprint(
+    files: Sequence[str | Path], sources: Mapping[str, str | Path], *options: Any
+) -> str:
+    """Hash that tells one work on footage from another: by the contents of its files, its footage as
+    it lies there, its options.
+    """
+    contents = [hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in files]
+    where = {name: [str(Path(path).resolve()), stamp(Path(path))] for name, path in sources.items()}
+    return hashlib.sha256(
+        json.dumps([contents, where, [str(o) for o in options]]).encode()
+    ).hexdigest()[:16]
+
+
+def stamp(path: Path) -> list[tuple[str, int, int]]:
+    """Names, sizes and times of a video, or of a folder's images."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    return [(file.name, (about := file.stat()).st_size, about.st_mtime_ns) for file in files]
 
 
 def _opened(path: Path) -> int:

@@ -4,7 +4,9 @@ pose's axes x (red), y (green) and z (blue).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import NamedTuple
 
 import cv2
@@ -12,9 +14,13 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from ..camera import Camera, Rig
+from ..files.outputs import check_target
+from ..files.recording import Frames, Recording
+from ..files.video import Film
 from ..metrics import euler_deg
 from ..window import Window
 from .posetracker import Tracked
+from .track import Watch
 
 WIDTH = 640  # of a camera's picture, px
 AXIS_MM = 25.0  # length of a drawn axis
@@ -32,6 +38,30 @@ STATUS_COLOURS = {
     "predicted": (0, 140, 255),
     "lost": (60, 60, 255),
 }
+
+
+@contextmanager
+def filmed(path: str | Path) -> Iterator[Watch]:
+    """Film of a track: yields what `track.track_files` takes as `watch`.
+
+    Parameters
+    ----------
+    path : path
+        A .webm video (VP8), which appears whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        As `Film`, and if the video's folder is missing.
+    """
+    check_target(path)
+    with Film(path, fps=30.0) as film:
+
+        def watch(recording: Recording, now: Frames, tracked: Tracked) -> None:
+            film.fps = recording.rate  # is taken when the first picture comes
+            film.add(picture(now.images, tracked, recording.rig, now.frame, now.t_s))
+
+        yield watch
 
 
 def picture(

@@ -255,8 +255,7 @@ def _add_track(commands: argparse._SubParsersAction) -> None:
         "--out",
         required=True,
         metavar="POSES.csv",
-        help="the poses to write, and POSES.tum; an interrupted track is in POSES.csv.partial, from where "
-        "the same command goes on",
+        help="the poses to write, and POSES.tum",
     )
     p.add_argument(
         "--start",
