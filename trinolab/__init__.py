@@ -61,6 +61,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from .files import limits as limits  # sets OpenCV's limits, before anything loads it
+
 if TYPE_CHECKING:
     from . import background as background
     from . import kalman as kalman

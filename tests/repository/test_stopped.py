@@ -107,7 +107,6 @@ import numpy as np
 from trinolab.files.video import Film
 with Film("o.webm", 25.0) as film:
     film.add(np.zeros((64, 128, 3), np.uint8))
-    assert os.path.exists(".o.partial.webm")
     os.kill(os.getpid(), signal.SIGKILL)
 """
 
@@ -224,9 +223,10 @@ def test_a_calibration_that_is_stopped_leaves_nothing(folder, number, code):
         code,
         ["trinolab calibrate: interrupted, nothing was written\n"] if code == 130 else [],
     )
+    assert visible() - before == {REACHED}
     open_gate()
-    wait_until(lambda: files() - before == {REACHED, GATE})
     assert run(BOARDS) == 0
+    assert all(name[0] != "." for name in files())
 
 
 @pytest.mark.heavy
@@ -259,22 +259,23 @@ def test_a_rendering_that_is_killed_goes_on_to_the_same_files(folder, moment):
     assert one == other
 
 
-def test_a_bag_that_is_killed_leaves_nothing(folder):
+def test_what_a_killed_bag_has_begun_goes_with_the_next_one(folder):
     pytest.importorskip("rosbags", reason="extra ros is not installed")
     before = {path.name for path in Path().iterdir()}
     with started(BAG, BAG_DIES) as process:
-        wait_until(Path(".new.partial").exists, process)
         assert ended(process)[0] == -signal.SIGKILL
-    wait_until(lambda: {path.name for path in Path().iterdir()} == before)
+    assert not Path("new").exists()
     assert run(BAG) == 0
     assert {path.name for path in Path().iterdir()} - before == {"new"}
 
 
-def test_a_film_that_is_killed_leaves_nothing(tmp_path, monkeypatch):
+def test_a_film_that_is_killed_is_none_and_the_next_one_is_whole(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with started("", FILM_DIES) as process:
-        assert ended(process)[0] == -signal.SIGKILL
-    wait_until(lambda: not any(tmp_path.iterdir()))
+    for code, result in ((FILM_DIES, -signal.SIGKILL), (FILM, 0)):
+        assert not Path("o.webm").exists()
+        with started("", code) as process:
+            assert ended(process)[0] == result
+    assert files() == {"o.webm"}
 
 
 # --- two commands with one output
