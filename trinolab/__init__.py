@@ -58,10 +58,9 @@ what is raised beside that.
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
-
-from .files import limits as limits  # sets OpenCV's limits, before anything loads it
 
 if TYPE_CHECKING:
     from . import background as background
@@ -95,6 +94,9 @@ if TYPE_CHECKING:
     from .workspace.intersection import intersect as intersect
 
 __version__ = "0.2.0"
+
+# `files.limits.PIXELS`. OpenCV asks when it is loaded, and nothing above loads it.
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", "50000000")
 
 # Where each name of the face is defined, as module:attribute: it is loaded when it is asked for. No
 # module may be called like the function of another one, because Python would put the module in the

@@ -18,7 +18,7 @@ from processes import CLI, GATE, ended, open_gate, started, wait_until
 
 from trinolab.files.poses import read_poses
 from trinolab.files.rigs import read_rig
-from trinolab.files.video import Film
+from workbench.films.video import Film
 
 resource = pytest.importorskip("resource", reason="limits of a process are set as POSIX does")
 
@@ -90,7 +90,7 @@ Writer.write = write
 FILM = """
 import sys
 import numpy as np
-from trinolab.files.video import Film
+from workbench.films.video import Film
 rng = np.random.default_rng(0)
 try:
     with Film("o.webm", 25.0) as film:
@@ -104,7 +104,7 @@ except ValueError as error:
 FILM_DIES = """
 import os, signal
 import numpy as np
-from trinolab.files.video import Film
+from workbench.films.video import Film
 with Film("o.webm", 25.0) as film:
     film.add(np.zeros((64, 128, 3), np.uint8))
     os.kill(os.getpid(), signal.SIGKILL)

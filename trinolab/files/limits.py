@@ -37,8 +37,6 @@ WORDS = 2_000_000  # of these cells; a word takes four times as long to read as 
 IMAGE_BYTES = 256 * MIB  # of an image file as it lies there
 BAG_BYTES = 64 * MIB  # of a bag's messages that are held, decompressed, at a time
 
-os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", str(PIXELS))
-
 # a part of a name, and the dot behind it, more often than `DOTS` says; no step is ever taken back
 _NESTED = re.compile(
     rb"(?<![A-Za-z0-9_-])(?:(?:[A-Za-z0-9_-]++|\"[^\"\n]*+\"|'[^'\n]*+')[ \t]*+\.[ \t]*+){%d}"

@@ -30,7 +30,7 @@ from ..files.kept import fingerprint, locked
 from ..files.outputs import write_together, write_whole
 from ..files.poses import poses_text, read_poses, transforms
 from ..files.recorder import partial_of
-from ..files.recording import Recording, open_recording, parts_of_folder, some_instants
+from ..files.recording import Recording, open_recording, some_instants
 from ..files.rigs import covariance_text, handle_text, rig_text
 from ..handle import Handle
 from ..methods import BEST
@@ -38,7 +38,7 @@ from ..uncertainty.usual import assumed
 from .centres import MAX_WAY_PX, Motion, measured_centres, motion, spread_out
 from .losses import lost_lines
 from .parameters import FollowParameters
-from .track import Job, follow, known_poses
+from .track import follow, known_poses, parts_of_folder
 
 log = logging.getLogger("trinolab")
 
@@ -207,19 +207,8 @@ def refine_folder(
     """Refine the rig and the handle of a recording folder, see `files.recording`; the rest as for
     `refine_files`, and others than the folder's rig and handle as for `track.track_folder`.
     """
-    if not isinstance(folder, (str, Path)):
-        raise ValueError(f"folder: expected a recording folder, got {type(folder).__name__}")
-    rig = rig if rig is None or isinstance(rig, Rig) else rig_file(rig)
-    handle = handle if handle is None or isinstance(handle, Handle) else handle_file(handle)
-    parts = parts_of_folder(folder, rig, handle, timestamps)
-    return refine_files(
-        Path(folder, "rig.toml") if rig is None else rig,
-        Path(folder, "handle.toml") if handle is None else handle,
-        parts.sources,
-        out,
-        timestamps=parts.timestamps,
-        **options,
-    )
+    rig, handle, sources, times = parts_of_folder(folder, rig, handle, timestamps)
+    return refine_files(rig, handle, sources, out, timestamps=times, **options)
 
 
 def _content_of(value: Rig | Handle) -> str:
@@ -309,8 +298,8 @@ def _followed(asked: _Asked) -> pd.DataFrame:
     """The poses of all instants: those that are kept, or followed now."""
     kept = asked.kept / f"poses_{asked.made_from}.csv"
     if not kept.exists():
-        job = Job(asked.recording, asked.handle, FOLLOWED_BY, asked.known)
-        write_whole(kept, poses_text(follow(job, asked.progress)[0]))
+        table, _ = follow(asked.recording, asked.handle, FOLLOWED_BY, asked.known, asked.progress)
+        write_whole(kept, poses_text(table))
     return read_poses(kept)
 
 

@@ -31,8 +31,8 @@ from ..files.recording import (
     Frames,
     Recording,
     instants,
+    open_folder,
     open_recording,
-    parts_of_folder,
     some_instants,
 )
 from ..handle import Handle
@@ -52,15 +52,6 @@ log = logging.getLogger("trinolab")
 MOST_INSTANTS = 3000  # kept for the cameras' offsets in time, and for their drift
 
 Watch = Callable[[Recording, Frames, posetracker.Tracked], object]
-
-
-class Job(NamedTuple):
-    """What is tracked: a recording, its handle, how, and known poses by their frames."""
-
-    recording: Recording
-    handle: Handle
-    parameters: FollowParameters
-    known: Mapping[int, RigidTransform]
 
 
 def track_files(
@@ -118,18 +109,18 @@ def track_files(
     handle = "handle" if isinstance(handle, Handle) else handle_file(handle)
     recording = open_recording(sources, the_rig, fps, timestamps)
     parameters = FollowParameters(estimator=estimator_of(method))
-    job = Job(recording, the_handle, parameters, known_poses(start, recording))
+    known = known_poses(start, recording)
     files = [path for path in (rig, handle) if isinstance(path, Path)]
     files += [Path(path) for path in (start, timestamps) if path is not None]
     tum = Path(out).with_suffix(".tum")
     check_targets([out, tum], files)
     with sole_writer(out):
-        table, offsets = follow(job, progress, watch)
+        table, offsets = follow(recording, the_handle, parameters, known, progress, watch)
         if offsets is not None:
             table = widened(table, offsets, the_rig)
         write_together({out: poses_text(table), tum: tum_text(table)})
-    lines = assumed(the_rig, job.handle, rig, handle)
-    if not is_uncertain(the_rig, job.handle):
+    lines = assumed(the_rig, the_handle, rig, handle)
+    if not is_uncertain(the_rig, the_handle):
         lines = contradictions(table, rig)
     for line in lines:
         log.info(line)
@@ -138,7 +129,7 @@ def track_files(
         frames = table["frame"].iloc[numbers].tolist()
         return (now.images for now in some_instants(recording, frames))
 
-    for line in lost_lines(table, the_rig, job.handle, images_of):
+    for line in lost_lines(table, the_rig, the_handle, images_of):
         log.info(line)
     return table
 
@@ -163,36 +154,51 @@ def track_folder(
     timestamps : path, optional
         Another file than the folder's.
     """
+    rig, handle, sources, times = parts_of_folder(folder, rig, handle, timestamps)
+    return track_files(rig, handle, sources, out, timestamps=times, **options)
+
+
+def parts_of_folder(
+    folder: str | Path,
+    rig: Rig | str | Path | None,
+    handle: Handle | str | Path | None,
+    timestamps: str | Path | None,
+) -> tuple[Rig | Path, Handle | Path, dict[str, Path], str | Path | None]:
+    """Rig, handle, footage by camera and timestamps of a recording folder, or what is given in the
+    place of its own. Raises ValueError as `files.recording.open_folder`.
+    """
     if not isinstance(folder, (str, Path)):
         raise ValueError(f"folder: expected a recording folder, got {type(folder).__name__}")
     rig = rig if rig is None or isinstance(rig, Rig) else rig_file(rig)
     handle = handle if handle is None or isinstance(handle, Handle) else handle_file(handle)
-    parts = parts_of_folder(folder, rig, handle, timestamps)
-    return track_files(
+    recording, _ = open_folder(folder, rig, handle)
+    if timestamps is None and recording.times_s is not None:
+        timestamps = recording.times_from
+    return (
         Path(folder, "rig.toml") if rig is None else rig,
         Path(folder, "handle.toml") if handle is None else handle,
-        parts.sources,
-        out,
-        timestamps=parts.timestamps,
-        **options,
+        {name: one.path for name, one in zip(recording.rig.names, recording.footage, strict=True)},
+        timestamps,
     )
 
 
 def follow(
-    job: Job, progress: bool, watch: Watch | None = None
+    recording: Recording,
+    handle: Handle,
+    parameters: FollowParameters,
+    known: Mapping[int, RigidTransform],
+    progress: bool,
+    watch: Watch | None = None,
 ) -> tuple[pd.DataFrame, Offsets | None]:
     """The poses of all instants as a table with the columns of `POSE_COLUMNS`, and how far the clocks
-    lie apart.
+    lie apart. Poses that are `known` have the numbers of their frames.
     """
-    recording = job.recording
     rig = recording.rig
     rows: list[tuple] = []
     measured = 0
     seen = Seen([], [])
-    watched = Watched(rig, job.handle, job.parameters)
-    steps = posetracker.track_instants(
-        instants(recording), rig, job.handle, job.parameters, job.known
-    )
+    watched = Watched(rig, handle, parameters)
+    steps = posetracker.track_instants(instants(recording), rig, handle, parameters, known)
     with (
         logging_redirect_tqdm(),
         tqdm(total=recording.length, unit="instant", disable=None if progress else True) as bar,
@@ -200,7 +206,7 @@ def follow(
         for now, tracked in steps:
             pose = tracked.measurement.pose
             rows.append(pose_row(now.frame, now.t_s, pose))
-            seen.add(now.t_s, tracked, len(job.handle.marker_centres))
+            seen.add(now.t_s, tracked, len(handle.marker_centres))
             watched.add(now.frame, now.t_s, tracked)
             if watch is not None:
                 watch(recording, now, tracked)

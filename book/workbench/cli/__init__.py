@@ -281,7 +281,8 @@ def _track(a: argparse.Namespace) -> int:
 def _filmed(a: argparse.Namespace) -> AbstractContextManager[Any]:
     """The film of a track, whose file is none that the command reads or writes otherwise."""
     from trinolab.files.outputs import check_targets
-    from trinolab.following.overlay import filmed
+
+    from ..films.overlay import filmed
 
     read = [path for path in (a.rig, a.handle, a.start, a.timestamps) if path is not None]
     check_targets([a.out, a.overlay], read)
@@ -406,7 +407,7 @@ def _preflight(a: argparse.Namespace) -> int:
 
 
 def _capture(a: argparse.Namespace) -> int:
-    from trinolab.files.capture import capture, timing
+    from ..capture.capture import capture, timing
 
     if a.list:
         return _list_cameras()
@@ -440,7 +441,7 @@ def _capture(a: argparse.Namespace) -> int:
 
 
 def _list_cameras() -> int:
-    from trinolab.files.devices import list_cameras
+    from ..capture.devices import list_cameras
 
     cameras = list_cameras()
     for one in cameras:

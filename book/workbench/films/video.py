@@ -10,8 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from .images import unheard
-from .kept import locked
+from trinolab.files.images import unheard
+from trinolab.files.kept import locked
 
 CUT_OFF = "cannot be written as a whole (is the disk full?)"
 

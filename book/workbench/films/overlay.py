@@ -13,14 +13,15 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from ..camera import Camera, Rig
-from ..files.outputs import check_target
-from ..files.recording import Frames, Recording
-from ..files.video import Film
-from ..metrics import euler_deg
-from ..window import Window
-from .posetracker import Tracked
-from .track import Watch
+from trinolab.camera import Camera, Rig
+from trinolab.files.outputs import check_target
+from trinolab.files.recording import Frames, Recording
+from trinolab.following.posetracker import Tracked
+from trinolab.following.track import Watch
+from trinolab.metrics import euler_deg
+from trinolab.window import Window
+
+from .video import Film
 
 WIDTH = 640  # of a camera's picture, px
 AXIS_MM = 25.0  # length of a drawn axis
