@@ -16,7 +16,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from datetime import datetime
 from io import TextIOWrapper
 from pathlib import Path
@@ -272,10 +272,22 @@ def _track(a: argparse.Namespace) -> int:
 
         from ..bags import track_recording
 
-    options = {"start": a.start, "overlay": a.overlay, "method": a.method}
-    table = _on_footage(a, track_recording, track_files, options)
+    options = {"start": a.start, "method": a.method}
+    with nullcontext() if a.overlay is None else _filmed(a) as watch:
+        table = _on_footage(a, track_recording, track_files, {**options, "watch": watch})
     say(f"{_counted(table)}; written to {a.out}")
     return 0
+
+
+def _filmed(a: argparse.Namespace) -> AbstractContextManager[Any]:
+    """The film of a track, whose file is none that the command reads or writes otherwise."""
+    from trinolab.files.outputs import check_targets
+
+    from ..films.overlay import filmed
+
+    read = [path for path in (a.rig, a.handle, a.start, a.timestamps) if path is not None]
+    check_targets([a.out, a.overlay], read)
+    return filmed(a.overlay)
 
 
 def _refine(a: argparse.Namespace) -> int:
@@ -396,7 +408,7 @@ def _preflight(a: argparse.Namespace) -> int:
 
 
 def _capture(a: argparse.Namespace) -> int:
-    from trinolab.files.capture import capture, timing
+    from ..capture.capture import capture, timing
 
     if a.list:
         return _list_cameras()
@@ -430,7 +442,7 @@ def _capture(a: argparse.Namespace) -> int:
 
 
 def _list_cameras() -> int:
-    from trinolab.files.devices import list_cameras
+    from ..capture.devices import list_cameras
 
     cameras = list_cameras()
     for one in cameras:

@@ -138,8 +138,7 @@ COMMANDS = (
             VIDEO,
             option(
                 "--out POSES.csv",
-                "the poses to write, and POSES.tum; an interrupted track is in POSES.csv.partial, from "
-                "where the same command goes on",
+                "the poses to write, and POSES.tum",
             ),
             option("--start POSES.csv", "poses known at some frames, for handles that look alike"),
             option("--overlay OUT.webm", "write a video of windows, markers and pose"),

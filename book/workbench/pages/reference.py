@@ -71,7 +71,7 @@ TOP = {
         ["triangulation", "pose", "parameters", "methods", "measurement", "tracker", "single"],
     ),
 }
-NOT_SHOWN = ("__main__", "browser", "data", "moved", "pages")
+NOT_SHOWN = ("__main__", "browser", "data", "pages")
 BY_MODULE = ("studies",)  # experiments: their modules are listed, not their functions
 
 

@@ -225,7 +225,7 @@ def test_scoreboard_fails_where_a_verdict_is_not_the_declared_one(monkeypatch, c
             "teleop --live-simulation --rig R --handle H --out o",
             "workbench.teleop.teleoperate.simulated",
         ),
-        ("capture --camera a=0 --rig R --handle H --out o", "trinolab.files.capture.capture"),
+        ("capture --camera a=0 --rig R --handle H --out o", "workbench.capture.capture.capture"),
         ("measure --rig R --handle H --images i --out o", "workbench.cli.measure.measure_folder"),
         ("evaluate p.csv t.csv --handle H", "trinolab.evaluation.evaluate"),
     ],
