@@ -298,7 +298,10 @@ def followed(film: Film, method: str = BEST) -> pd.DataFrame:
                 blobs_ms = _blobs_ms(detector, images)
             rows.append(
                 {
-                    **dict(zip(KEYS, (*film[:3], k), strict=True)),
+                    "motion": film.motion,
+                    "exposure_ms": film.exposure_ms,
+                    "seed": film.seed,
+                    "frame": k,
                     "draw": draw,
                     "ms": ms,
                     "blobs_ms": blobs_ms,

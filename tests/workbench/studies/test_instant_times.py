@@ -286,9 +286,9 @@ def test_finished_films_are_kept(monkeypatch, tmp_path):
 
     monkeypatch.setattr(instant_times, "each_followed", each)
     with pytest.raises(KeyboardInterrupt):
-        make_tables(2000, 1, tmp_path)
-    told, of_films = make_tables(2000, 1, tmp_path)
-    chosen = films(2000)
+        make_tables(320, 1, tmp_path)
+    told, of_films = make_tables(320, 1, tmp_path)
+    chosen = films(320)
     assert taken_up == [len(chosen), len(chosen) - 3]
     assert of_films["motion"].tolist() == [*(film.motion for film in chosen), "all"]
     assert len(told) == sum(film.instants for film in chosen[: len(TOLD)])
