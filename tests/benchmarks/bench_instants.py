@@ -33,13 +33,13 @@ from workbench.studies.instant_times import (
 
 def line(name: str, table: pd.DataFrame) -> str:
     """Times, ratios and errors of some instants."""
-    found = numbers(table)
-    found |= {what: statistic(values) for what, (values, statistic) in statistics(table).items()}
-    times = "".join(f"{found[f'ms_{share}']:8.1f}" for share in SHARES)
-    ratios = "".join(f"{found[f'ratio_{share}']:8.2f}" for share in SHARES)
+    values = numbers(table)
+    values |= {what: statistic(rows) for what, (rows, statistic) in statistics(table).items()}
+    times = "".join(f"{values[f'ms_{share}']:8.1f}" for share in SHARES)
+    ratios = "".join(f"{values[f'ratio_{share}']:8.2f}" for share in SHARES)
     return (
-        f"  {name:16s}{len(table):6d}{times}  {ratios}{found['measured']:8.1f} %"
-        f"{found['rms_mm']:9.4f} mm{found['rms_deg']:7.3f} deg{found['nees']:7.2f}{found['wrong']:6d}"
+        f"  {name:16s}{len(table):6d}{times}  {ratios}{values['measured']:8.1f} %"
+        f"{values['rms_mm']:9.4f} mm{values['rms_deg']:7.3f} deg{values['nees']:7.2f}{values['wrong']:6d}"
     )
 
 

@@ -109,7 +109,7 @@ FILMS = (
     Film("silent", USUAL_MS, 0, 70),
     Film("real", USUAL_MS, 0, 900),
 )
-TOLD = FILMS[:6]  # by chapter 11b
+IN_CHAPTER = FILMS[:6]  # 11b
 
 
 def films(instants: int = 10_000) -> list[Film]:
@@ -273,7 +273,7 @@ def followed(film: Film, method: str = BEST) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        A row an instant and draw: `motion`, `exposure_ms`, `seed`, `frame`, `draw`; `ms` of processor
+        One row per instant and draw: `motion`, `exposure_ms`, `seed`, `frame`, `draw`; `ms` of processor
         time, `blobs_ms`, what SimpleBlobDetector takes for the images of the first draw, and `ratio`,
         of `ms` to its median over the film; `possible`, whether enough markers are seen to measure
         (`can_be_measured`); `mm` and `deg` by which a measured pose is off, and `nees`, its normalised
@@ -344,7 +344,8 @@ def each_followed(
         processes(workers) as engine,
         tqdm(total=total, unit="instant", desc=method, disable=None) as bar,
     ):
-        calls = ((film, partial(followed, method=method), film) for film in chosen)
+        longest_first = sorted(chosen, key=lambda film: -film.instants)
+        calls = ((film, partial(followed, method=method), film) for film in longest_first)
         for film, future in as_finished(engine, calls):
             yield film, future.result()
             bar.update(film.instants * film.draws)
@@ -357,7 +358,7 @@ SHARES = {"median": 0.5, "99": 0.99, "999": 0.999, "worst": 1.0}
 
 
 def make_tables(instants: int, workers: int, kept: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """The instants of chapter 11b, and a row a film.
+    """The instants of chapter 11b, and one row per film.
 
     Parameters
     ----------
@@ -378,26 +379,27 @@ def make_tables(instants: int, workers: int, kept: Path) -> tuple[pd.DataFrame, 
             lines.add_line(json.dumps([film, table.to_dict("list")]))
             tables[film] = table
     new = pd.concat([tables[film] for film in chosen], ignore_index=True)
-    return instants_told(new), film_rows(new)
+    return chapter_rows(new), film_rows(new)
 
 
-def instants_told(new: pd.DataFrame) -> pd.DataFrame:
-    """A row an instant of the films that chapter 11b tells of, in the first draw: the film and the
-    frame; `blobs_ms`, the median that SimpleBlobDetector takes in this film; how many times as long
-    the follower takes, `before` and `after`; and by how much its measured pose is off, `before_mm` and
+def chapter_rows(new: pd.DataFrame) -> pd.DataFrame:
+    """One row per instant of the films of chapter 11b, in their first draw: the film and the frame;
+    `blobs_ms`, the median that SimpleBlobDetector takes in this film; how many times as long the
+    follower takes, `before` and `after`; and by how much its measured pose is off, `before_mm` and
     `after_mm`.
     """
-    told = new[(new["draw"] == 0) & new["motion"].isin({film.motion for film in TOLD})]
-    told = told.rename(columns={"ratio": "after", "mm": "after_mm"})
-    told["blobs_ms"] = told.groupby(KEYS[:3])["blobs_ms"].transform("median")
+    motions = {film.motion for film in IN_CHAPTER}
+    rows = new[(new["draw"] == 0) & new["motion"].isin(motions)]
+    rows = rows.rename(columns={"ratio": "after", "mm": "after_mm"})
+    rows["blobs_ms"] = rows.groupby(KEYS[:3])["blobs_ms"].transform("median")
     before = load_sweep("instant_times")[[*KEYS, "before", "before_mm"]]
-    table = told[[*KEYS, "blobs_ms", "after", "after_mm"]].merge(before, how="left", on=KEYS)
+    table = rows[[*KEYS, "blobs_ms", "after", "after_mm"]].merge(before, how="left", on=KEYS)
     columns = {"blobs_ms": 2, "before": 4, "after": 4, "before_mm": 5, "after_mm": 5}
     return table[[*KEYS, *columns]].round(columns)
 
 
 def film_rows(table: pd.DataFrame) -> pd.DataFrame:
-    """A row a film, and one of all together, which is no film's: `numbers` of its instants.
+    """One row per film, and one of all together: `numbers` and `statistics` of their instants.
 
     The ends of an interval of 95 % (``..._low``, ``..._high``) are by the bootstrap over blocks of
     half a second, all draws of an instant together; of a film of less than two blocks they are NaN.
@@ -430,12 +432,12 @@ def numbers(rows: pd.DataFrame) -> dict[str, float]:
 
 
 def statistics(rows: pd.DataFrame) -> dict[str, tuple[Array, Callable[[Array], float]]]:
-    """What is given with an interval, each as values, a row an instant, and a statistic of such rows:
-    quantiles of the ratio, the share that is `measured` of the possible instants, %, mean and root mean
+    """Statistics that are given with an interval, and the values, one row per instant, that each is taken
+    of: quantiles of the ratio, the share that is `measured` of the possible instants, %, mean and root mean
     square of the errors, the mean NEES (6 if the covariances are right).
     """
     ratios = rows.pivot_table(index=KEYS, columns="draw", values="ratio", sort=False).to_numpy()
-    found: dict[str, tuple[Array, Callable[[Array], float]]] = {
+    computed: dict[str, tuple[Array, Callable[[Array], float]]] = {
         f"ratio_{name}": (ratios, partial(np.nanquantile, q=share))
         for name, share in SHARES.items()
         if share < 1
@@ -446,12 +448,15 @@ def statistics(rows: pd.DataFrame) -> dict[str, tuple[Array, Callable[[Array], f
         pairs = rows[KEYS].assign(total=values.where(counted, 0.0), count=counted)
         return pairs.groupby(KEYS, sort=False)[["total", "count"]].sum().to_numpy(float)
 
-    found["measured"] = sums(100.0 * is_measured, rows["possible"]), ratio
+    computed["measured"] = sums(100.0 * is_measured, rows["possible"]), ratio
     for unit in ("mm", "deg"):
-        found[f"mean_{unit}"] = sums(rows[unit], is_measured), ratio
-        found[f"rms_{unit}"] = sums(rows[unit] ** 2, is_measured), lambda pairs: ratio(pairs) ** 0.5
-    found["nees"] = sums(rows["nees"], is_measured), ratio
-    return found
+        computed[f"mean_{unit}"] = sums(rows[unit], is_measured), ratio
+        computed[f"rms_{unit}"] = (
+            sums(rows[unit] ** 2, is_measured),
+            lambda pairs: ratio(pairs) ** 0.5,
+        )
+    computed["nees"] = sums(rows["nees"], is_measured), ratio
+    return computed
 
 
 def by_film(table: pd.DataFrame) -> pd.DataFrame:

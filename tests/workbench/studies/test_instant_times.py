@@ -17,16 +17,16 @@ from workbench.studies.instant_times import (
     BEFORE,
     FILMS,
     FPS,
+    IN_CHAPTER,
     KEYS,
     METHODS,
-    TOLD,
     Film,
     by_film,
+    chapter_rows,
     fast,
     film_rows,
     films,
     followed,
-    instants_told,
     job_of,
     make_tables,
     real,
@@ -73,15 +73,15 @@ def test_a_recording_that_is_not_here_is_left_out_with_a_line(monkeypatch, capfd
 
 
 def test_the_silent_rig_has_lenses_with_distortion_and_says_nothing():
-    silent, told = (job_of(Film(motion, 10.0, 0, 40)) for motion in ("silent", "calm"))
+    silent, calm = (job_of(Film(motion, 10.0, 0, 40)) for motion in ("silent", "calm"))
     assert silent.rig.covariance is None
-    assert told.rig.covariance is not None
+    assert calm.rig.covariance is not None
     corner = [[0.0, 0.0]]
-    for bent, straight in zip(silent.rig.cameras, told.rig.cameras, strict=True):
+    for bent, straight in zip(silent.rig.cameras, calm.rig.cameras, strict=True):
         off = bent.ideal_pixels(corner) - straight.ideal_pixels(corner)
         assert 8 < np.linalg.norm(off) < 16
     np.testing.assert_array_equal(
-        silent.shots[-1].T_world_handle.as_matrix(), told.shots[-1].T_world_handle.as_matrix()
+        silent.shots[-1].T_world_handle.as_matrix(), calm.shots[-1].T_world_handle.as_matrix()
     )
 
 
@@ -217,7 +217,7 @@ def test_what_was_before_is_kept_and_the_rest_is_new(monkeypatch):
     stored = pd.DataFrame({**rows, "blobs_ms": 9.0, "before": [70.0, 80.0], "before_mm": 0.2})
     monkeypatch.setattr(instant_times, "load_sweep", lambda name: stored.iloc[1:])
     more = [new, new.assign(draw=1, ratio=9.0), new.assign(motion="silent")]
-    table = instants_told(pd.concat(more))
+    table = chapter_rows(pd.concat(more))
     assert list(table) == [*KEYS, "blobs_ms", "before", "after", "before_mm", "after_mm"]
     assert table["after"].tolist() == [2.0, 3.0]
     assert table["blobs_ms"].tolist() == [2.0, 2.0]
@@ -287,16 +287,16 @@ def test_finished_films_are_kept(monkeypatch, tmp_path):
     monkeypatch.setattr(instant_times, "each_followed", each)
     with pytest.raises(KeyboardInterrupt):
         make_tables(320, 1, tmp_path)
-    told, of_films = make_tables(320, 1, tmp_path)
+    of_instants, of_films = make_tables(320, 1, tmp_path)
     chosen = films(320)
     assert taken_up == [len(chosen), len(chosen) - 3]
     assert of_films["motion"].tolist() == [*(film.motion for film in chosen), "all"]
-    assert len(told) == sum(film.instants for film in chosen[: len(TOLD)])
+    assert len(of_instants) == sum(film.instants for film in chosen[: len(IN_CHAPTER)])
 
 
 def test_the_shipped_table_is_that_of_the_films():
     table = load_sweep("instant_times")
-    wanted = [(*film[:3], frame) for film in TOLD for frame in range(film.instants)]
+    wanted = [(*film[:3], frame) for film in IN_CHAPTER for frame in range(film.instants)]
     assert list(table[KEYS].itertuples(index=False, name=None)) == wanted
     assert (table[["blobs_ms", "before", "after"]] > 0).all(axis=None)
 
