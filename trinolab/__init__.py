@@ -58,11 +58,9 @@ what is raised beside that.
 
 from __future__ import annotations
 
-import sys
+import os
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
-
-from .moved import MovedFinder
 
 if TYPE_CHECKING:
     from . import background as background
@@ -96,6 +94,9 @@ if TYPE_CHECKING:
     from .workspace.intersection import intersect as intersect
 
 __version__ = "0.2.0"
+
+# `files.limits.PIXELS`. OpenCV asks when it is loaded, and nothing above loads it.
+os.environ.setdefault("OPENCV_IO_MAX_IMAGE_PIXELS", "50000000")
 
 # Where each name of the face is defined, as module:attribute: it is loaded when it is asked for. No
 # module may be called like the function of another one, because Python would put the module in the
@@ -133,9 +134,6 @@ FACE = {
     "sweep": "workbench.sweep",
 }
 __all__ = list(FACE)
-
-if not any(isinstance(finder, MovedFinder) for finder in sys.meta_path):
-    sys.meta_path.insert(0, MovedFinder())
 
 
 def __getattr__(name: str) -> Any:

@@ -7,9 +7,6 @@ already. Where the light on the scene has changed, its factor is estimated first
 
 from __future__ import annotations
 
-import math
-import weakref
-from collections import defaultdict, deque
 from dataclasses import dataclass
 from functools import cache
 from types import ModuleType
@@ -17,9 +14,10 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike
+from numpy.typing import ArrayLike
 
 from .checks import Array, as_image, as_number, as_whole
+from .memory import room
 from .window import Window
 
 WHITE = 255  # grey level at which a pixel is saturated: its light is this, or more
@@ -30,8 +28,6 @@ _CELLS = 8  # a bin, for the median
 _BLUR = 12  # bins on either side over which the histogram is smoothed
 _NEAR = 0.15  # distance from the peak, in ln ratio, within which a pixel agrees with it
 _LEAST = 0.1  # share of the pixels that have to agree
-# Memory of arrays that nobody holds any more, by its size in bytes; at most six of each size.
-_let_go: defaultdict[int, deque[bytearray]] = defaultdict(lambda: deque(maxlen=6))
 
 
 @dataclass(frozen=True)
@@ -301,9 +297,9 @@ def _compared(
     if loops is None or frame.dtype != np.uint8 or background.dtype != np.float32:
         return _by_equations(frame, background, gain, p)
     results = (
-        _room(frame.shape, np.float32),
-        _room(frame.shape, np.uint8),
-        _room(frame.shape, bool),
+        room(frame.shape, np.float32),
+        room(frame.shape, np.uint8),
+        room(frame.shape, bool),
     )
     loops.compare_and_renew(
         np.ascontiguousarray(frame),
@@ -330,23 +326,6 @@ def _by_equations(
     )
     kept = mask | (frame >= WHITE)
     return update(expected, frame, p.update_rate, kept, p.slow_rate), image, mask
-
-
-def _room(shape: tuple[int, ...], dtype: DTypeLike) -> np.ndarray:
-    """An array like `numpy.empty`, in the memory of an earlier one that nobody holds any more.
-
-    The system hands out memory of this size page by page, and takes it back when it is let go: that
-    takes longer than the loop over the pixels.
-    """
-    size = math.prod(shape) * np.dtype(dtype).itemsize
-    try:
-        memory = _let_go[size].pop()
-    except IndexError:
-        memory = bytearray(size)
-    whole = np.frombuffer(memory, dtype)
-    # each view holds `whole`, so that it ends after the last of them
-    weakref.finalize(whole, _let_go[size].append, memory).atexit = False
-    return whole.reshape(shape)
 
 
 def light_gain(frame: ArrayLike, background: ArrayLike, step: int = 8) -> float:

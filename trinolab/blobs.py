@@ -28,7 +28,7 @@ _RUNS = (700, 40)  # of bright pixels along the rows
 _CONTOURS = (80, 4)
 _SPOTS = 120  # those that stand out most are looked at
 _ANGLES = np.arange(16) * np.pi / 8
-_RAYS = (
+RAYS = (
     np.linspace(0.25, 1.0, 10)[:, None] * np.stack([np.cos(_ANGLES), np.sin(_ANGLES)])[:, None]
 ).astype(np.float32)
 
@@ -343,7 +343,7 @@ def _along_rays(image: np.ndarray, where: Places) -> tuple[Array, Array]:
     (height, width) = image.shape
     reach = where.reach.astype(np.float32)[:, None, None]
     # (n, points, rays)
-    u, v = (where.uv[:, k, None, None].astype(np.float32) + _RAYS[k] * reach for k in (0, 1))
+    u, v = (where.uv[:, k, None, None].astype(np.float32) + RAYS[k] * reach for k in (0, 1))
     u, v = (
         np.clip(np.rint(x), 0, most - 1).astype(np.intp) for x, most in ((u, width), (v, height))
     )

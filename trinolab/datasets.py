@@ -15,6 +15,7 @@ from .checks import Array, as_array, as_number
 from .files.fetch import RealSet, find, read_real_sets
 from .files.inputs import get, read_toml
 from .files.rigs import read_handle, read_rig
+from .files.shipped import data_path as data_path
 from .handle import Handle
 from .metrics import pose_from_euler_deg
 from .rigid import nearest_rotation
@@ -46,30 +47,6 @@ class Calibration(NamedTuple):
     A_r: Array
     R_rl: Array
     T_rl: Array
-
-
-def data_path(*parts: str) -> Path:
-    """Return the path of a shipped data file: ``data/`` of a checkout, or the package's copy where
-    it is installed.
-
-    Raises
-    ------
-    ValueError
-        If there is no such file; it lists those beside it.
-    """
-    package = Path(__file__).resolve().parent
-    root = next(
-        (folder for folder in (package / "data", package.parent / "data") if folder.is_dir()), None
-    )
-    if root is None:
-        raise ValueError(f"data: not found in or beside {package}; is the installation complete?")
-    path = root.joinpath(*parts)
-    if not path.exists():
-        beside = sorted(p.name for p in path.parent.glob("*")) if path.parent.is_dir() else []
-        raise ValueError(
-            f"{'/'.join(parts)}: no such data file; there are {', '.join(beside) or 'none'}"
-        )
-    return path
 
 
 def load_rig(name: str) -> Rig:

@@ -19,6 +19,7 @@ from .checks import Array, as_image, as_number, as_points, check_numbers, frozen
 LADDER = 8  # even thresholds tried besides the bisection's
 _TRIES = 10  # places looked at for each marker wanted
 _FOUND = 100  # marks a place where a marker was accepted; smaller values count attempts
+LARGEST_REACH_PX = 1e6  # beyond any image, and still a whole number in a loop
 
 
 @dataclass(frozen=True)
@@ -256,19 +257,17 @@ def markers_at(
         Centroid u, v, px; major and minor axis, px; contrast, threshold, grey levels. NaN where
         there is nothing like a marker.
     """
+    from . import marker_loops  # only here: a browser has no Numba
+
     p = parameters or MarkerParameters()
     places = as_points(uv, "uv", 2)
     reach_px = as_number(reach_px, "reach_px", low=1.0)
     bright = brightened(image, markers)
-    inside = ((places > -0.5) & (places < np.array(bright.shape[::-1]) - 0.5)).all(axis=1)
-    rows = np.flatnonzero(inside)
-    no_threshold = np.full(len(rows), np.inf)
-    where = blobs.Places(places[rows], np.full(len(rows), reach_px), no_threshold)
-    table = np.full((len(places), 6), np.nan)
-    for candidate in blobs.candidates(bright, where, p.min_contrast):
-        blob = _first_blob(bright, candidate, p)
-        if blob is not None:
-            table[rows[candidate.place]] = halfway(bright, blob, p)[:6]
+    # a copy: the loop is compiled for few types, and for memory that may be written to
+    bright = np.array(bright, np.uint8 if bright.dtype == np.uint8 else float, order="C")
+    limits = np.array([*p.diameter_px, p.min_axis_ratio, p.min_fill, p.min_contrast])
+    table = np.empty((len(places), 6))
+    marker_loops.measure(bright, places, min(reach_px, LARGEST_REACH_PX), limits, table)
     return table
 
 

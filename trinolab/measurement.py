@@ -24,6 +24,7 @@ from .methods import PAPER
 from .parameters import Parameters
 from .pose import LOST, Pose
 from .window import Window
+from .work import Work
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +52,7 @@ def measure(
     prior: RigidTransform | None = None,
     parameters: Parameters | None = None,
     windows: Sequence[Window | None] | None = None,
+    work: Work | None = None,
 ) -> Measurement:
     """Measure the handle's pose from the frames of one instant by the paper's method (Eq. 16-24).
 
@@ -71,6 +73,8 @@ def measure(
     windows : sequence of Window or None, optional
         W_ROI of each camera, inside its image: markers are looked for there alone, and nowhere
         where it is None. Without `windows` in whole images.
+    work : Work, optional
+        As for `identity.identify`.
 
     Returns
     -------
@@ -87,17 +91,8 @@ def measure(
     images = as_images(frames, rig)
     as_handle(handle)
     regions = [Window(0, 0, *camera.size) for camera in rig.cameras] if windows is None else windows
-    # Eq. 16
-    markers_by_camera = tuple(
-        markers_in(image, region, handle, p) for image, region in zip(images, regions, strict=True)
-    )
+    markers_by_camera, hypotheses = identified(images, regions, rig, handle, p, work)
     pixels = tuple(markers.uv for markers in markers_by_camera)
-    # Eq. 17, 18; whoever reads pixels names the markers without them
-    matches = None
-    if p.estimator == PAPER and not p.check:
-        matches = [pairs.index for pairs in rig_candidates(rig, images, pixels, p.matching)]
-    axes_px = [markers.axes_px for markers in markers_by_camera]
-    hypotheses = identify(rig, handle, pixels, p.identity, axes_px, matches)
     if not hypotheses:
         return Measurement(LOST, markers_by_camera, tuple(np.full(len(uv), -1) for uv in pixels))
     T, labels, sure = chosen(hypotheses, images, rig, handle, prior, p)
@@ -110,6 +105,28 @@ def measure(
     if not sure and pose is not LOST:
         pose = replace(pose, status="ambiguous")
     return Measurement(pose, markers_by_camera, labels)
+
+
+def identified(
+    images: list[np.ndarray],
+    windows: Sequence[Window | None],
+    rig: Rig,
+    handle: Handle,
+    p: Parameters,
+    work: Work | None,
+) -> tuple[tuple[Markers, ...], list[Hypothesis]]:
+    """The markers in windows of images, and the poses that explain them (Eq. 16-18)."""
+    # Eq. 16
+    found = tuple(
+        markers_in(image, window, handle, p) for image, window in zip(images, windows, strict=True)
+    )
+    pixels = [markers.uv for markers in found]
+    # Eq. 17, 18; whoever reads pixels names the markers without them
+    matches = None
+    if p.estimator == PAPER and not p.check:
+        matches = [pairs.index for pairs in rig_candidates(rig, images, pixels, p.matching)]
+    axes_px = [markers.axes_px for markers in found]
+    return found, identify(rig, handle, pixels, p.identity, axes_px, matches, work)
 
 
 def chosen(

@@ -43,9 +43,9 @@ from tqdm import tqdm
 
 from trinolab.camera import Camera, Rig
 from trinolab.files import recorder
-from trinolab.files.images import as_grey, check_stated, decoded
+from trinolab.files.images import as_grey, decoded
 from trinolab.files.inputs import read_csv
-from trinolab.files.kept import sole_writer
+from trinolab.files.kept import sole_writer, stamp
 from trinolab.files.outputs import check_parent, resolved, write_whole
 from trinolab.files.poses import read_poses, transforms
 from trinolab.files.recording import Recording, instants, open_folder
@@ -116,7 +116,7 @@ def write_bag(
     if joints is not None:
         streams += _joints(Path(joints), ros)
     beside = target.with_name(f".{target.name}{recorder.PARTIAL}")
-    with sole_writer(target, out, beside):
+    with sole_writer(target, out):
         shutil.rmtree(beside, ignore_errors=True)  # of one that was killed
         try:
             counts = _write(merge(*streams, key=lambda one: one.time_ns), beside / target.name, ros)
@@ -147,7 +147,7 @@ def track_recording(
     A bag is unpacked beside `out` until the poses are written.
     """
     # loaded here, because `write_bag` can do without the tracker
-    from trinolab.following.track import stamp, track_folder
+    from trinolab.following.track import track_folder
 
     if not is_bag(folder):
         return track_folder(folder, out, rig, handle, timestamps, **options)
@@ -155,9 +155,10 @@ def track_recording(
     inside = Path(f"{out}.{which}{UNPACKED}")
     if not inside.exists():
         unpack_bag(folder, inside, None if rig is None else read_rig(rig), handle)
-    poses = track_folder(inside, out, rig, handle, timestamps, **options)
-    shutil.rmtree(inside)
-    return poses
+    try:
+        return track_folder(inside, out, rig, handle, timestamps, **options)
+    finally:
+        shutil.rmtree(inside)
 
 
 def unpack_bag(
@@ -464,7 +465,7 @@ def _unpack(
     """Write a camera's images, and return their times, s."""
     times: list[float] = []
     for time_ns, content in tqdm(_messages(reader, topic, ros), unit="image", disable=None):
-        image, complaint = _decoded(content, camera.size)
+        image, complaint = _decoded(content, f"{bag}: {topic}: image {len(times)}")
         if complaint:
             log.info("%s: %s: image %d: may be damaged (%s)", bag, topic, len(times), complaint)
         if image is None or image.shape[:2] != (camera.size[1], camera.size[0]):
@@ -480,17 +481,12 @@ def _unpack(
     return np.array(times)
 
 
-def _decoded(content: Any, size: tuple[int, int]) -> tuple[np.ndarray | None, str]:
-    """The image of a size that a message holds, None if it cannot be decoded or states another
-    size, and what its decoder has to say.
+def _decoded(content: Any, where: str) -> tuple[np.ndarray | None, str]:
+    """The image that a message holds, None if it cannot be decoded, and what its decoder has to
+    say.
     """
     if content.__msgtype__ == IMAGES[0]:
-        data = bytes(content.data)
-        try:
-            check_stated(data, size, "")
-        except ValueError:
-            return None, ""
-        image, complaint = decoded(data)
+        image, complaint = decoded(bytes(content.data), where)
         return (image if image is not None and image.dtype == np.uint8 else None), complaint
     channels = {"mono8": 1, "8UC1": 1, "bgr8": 3, "rgb8": 3}.get(content.encoding)
     wide = content.width * (channels or 0)

@@ -23,6 +23,7 @@ from trinolab.checks import Array, as_array, as_number, as_whole
 LEVEL = 0.95
 RESAMPLES = 2000
 NORMAL = 1.96  # standard deviations, of which the normal distribution holds 95 %
+TOGETHER = 15  # instants that follow one another, half a second: their errors depend on each other
 
 
 class Interval(NamedTuple):

@@ -1,10 +1,11 @@
-"""The way of a frame of `trinolab live` from camera to screen, in headless Chromium, with videos in the
-place of three cameras.
+"""The way of a frame of `trinolab live` from camera to screen, in headless Chromium, with frames in
+memory in the place of three cameras that are triggered together.
 
 The time of its arrival, ms, is drawn into each frame's pixels as a row of black and white blocks, and read
 back from the page's canvas when the page has drawn it. Wanted: 95 % within 100 ms and none later than 250 ms, at 30
-frames a second of 640 x 480 and of 1280 x 1024. Then the reader is stopped: after the two
-frames that were under way the next must be of the present; with --long the memory over ten minutes:
+frames a second of 640 x 480 and of 1280 x 1024. At half-time the second camera stops, and comes back;
+with --long all this takes ten minutes. Then the reader is stopped: after the two frames that were under
+way the next must be of the present:
 
     python tests/benchmarks/bench_live.py [--long] [--seconds 20]
 """
@@ -18,9 +19,10 @@ import multiprocessing
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
+from threading import Event
 
-import cv2
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "helpers"))
@@ -30,13 +32,13 @@ from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig, scaled
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_handle, load_rig
-from trinolab.files.recording import open_recording
 from workbench.live.command import live
-from workbench.live.sources import Source, of_recording
+from workbench.live.sources import Feed, Source
 from workbench.pages.browser import Browser
 
 WANTED_MS = {"95 %": 100.0, "latest": 250.0}
 BITS, SEED, INSTANTS = 24, 5, 60
+LONG_S, STOP_S = 600.0, 5.0
 HANDLE = load_handle("coded")
 # The page reads each frame when it is drawn: a block's middle is dark or bright.
 READ = """
@@ -48,7 +50,9 @@ document.addEventListener('drawn', () => {
     let number = 0;
     for (let k = 0; k < BITS; k++)
         number = 2 * number + (row[4 * Math.floor((k + 0.5) * side)] > 128);
-    window.late.push((Date.now() % all - number + all) % all);
+    if (number !== window.before)  // without a camera the picture stays
+        window.late.push((Date.now() % all - number + all) % all);
+    window.before = number;
 });
 """.replace("BITS", str(BITS))
 
@@ -64,49 +68,51 @@ def small_rig() -> Rig:
     return Rig(tuple(cameras))
 
 
-def videos(rig: Rig, folder: Path, fps: float) -> dict[str, Path]:
-    """A video a camera of a moving handle, there and back."""
-    paths = {name: folder / f"{name}.avi" for name in rig.names}
-    code = cv2.VideoWriter.fourcc(*"MJPG")
-    writers = [
-        cv2.VideoWriter(str(paths[c.name]), code, fps, c.size, isColor=False) for c in rig.cameras
-    ]
+def drawn(rig: Rig, fps: float) -> np.ndarray:
+    """The images of a moving handle, there and back, uint8 (instants, cameras, height, width)."""
     rng = np.random.default_rng(SEED)
     poses = motion_at(rng, np.arange(INSTANTS // 2) / fps, speed_mm_s=100.0, turn_deg_s=10.0)
     quick = Bench(supersampling=4, marker_supersampling=8)
     frames = [render_rig(rig, HANDLE, T, quick, rng) for T in poses]
-    for images in [*frames, *frames[::-1]]:
-        for writer, image in zip(writers, images, strict=True):
-            writer.write(image)
-    for writer in writers:
-        writer.release()
-    return paths
+    return np.array([*frames, *frames[::-1]])
 
 
-def stamped(source: Source) -> Source:
-    """The source with the time of arrival in the pixels of its first camera."""
-    (feed,) = source.feeds
-    frames = feed.latest_frames
-
-    def with_time(stopped):
-        for t_s, images in frames(stopped):
-            number = int(1e3 * time.time()) % (1 << BITS)
-            high, wide = images[0].shape
-            bits = [255 * (number >> k & 1) for k in reversed(range(BITS))]
-            edges = np.linspace(0, wide, BITS + 1).round().astype(int)
-            strip = np.repeat(np.array(bits, np.uint8), np.diff(edges))
-            images[0] = images[0].copy()
-            images[0][high - wide // BITS :] = strip
-            yield t_s, images
-
-    feed.latest_frames = with_time
-    return source
+def frames_of(images, fps, unplugged, is_first, stopped):
+    """A camera's frames at the instants of a common trigger, those of the first one with the time of
+    their arrival in their pixels.
+    """
+    while not stopped.is_set():
+        if unplugged.is_set():
+            raise ValueError("cannot be read")
+        k = int(time.monotonic() * fps) + 1
+        stopped.wait(max(0.0, k / fps - time.monotonic()))
+        image = images[k % len(images)]
+        yield time.monotonic(), [stamped(image) if is_first else image]
 
 
-def serving(paths, rig, fps, folder, address) -> None:
-    """The process that is measured."""
-    source = stamped(of_recording(open_recording(paths, rig, fps), HANDLE))
-    live(source, folder, on_open=address.send)
+def stamped(image: np.ndarray) -> np.ndarray:
+    """The image with the present time in its lowest rows."""
+    number = int(1e3 * time.time()) % (1 << BITS)
+    high, wide = image.shape
+    bits = [255 * (number >> k & 1) for k in reversed(range(BITS))]
+    edges = np.linspace(0, wide, BITS + 1).round().astype(int)
+    image = image.copy()
+    image[high - wide // BITS :] = np.repeat(np.array(bits, np.uint8), np.diff(edges))
+    return image
+
+
+def serving(images, rig, fps, folder, address, unplugged) -> None:
+    """The process that is measured; the second camera stops while an event is set."""
+    never = Event()
+    feeds = [
+        Feed(
+            camera.name,
+            partial(frames_of, images[:, k], fps, unplugged if k == 1 else never, k == 0),
+            False,
+        )
+        for k, camera in enumerate(rig.cameras)
+    ]
+    live(Source(rig, HANDLE, feeds), folder, on_open=address.send)
 
 
 def cpu_s(pid: int) -> float:
@@ -129,13 +135,27 @@ def memory_mb(pid: int) -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
+def unplug(browser: Browser, unplugged) -> float:
+    """Have the second camera stop and come back; how long afterwards there is a pose again, s."""
+    unplugged.set()
+    time.sleep(STOP_S)
+    if not browser.evaluate("Boolean(last && last.troubles.length)"):
+        raise RuntimeError("a camera has stopped, and the page does not say so")
+    begin = time.monotonic()
+    unplugged.clear()
+    while not browser.evaluate("!last.troubles.length && last.status === 'measured'"):
+        time.sleep(0.05)
+    return time.monotonic() - begin
+
+
 def one(rig: Rig, fps: float, seconds: float, long: bool) -> bool:
     """Print what is measured of one size and rate; whether it is as wanted."""
     with tempfile.TemporaryDirectory() as folder:
-        paths = videos(rig, Path(folder), fps)
         ours, its = multiprocessing.Pipe()
-        process = multiprocessing.get_context("spawn").Process(
-            target=serving, args=(paths, rig, fps, folder, its)
+        context = multiprocessing.get_context("spawn")
+        unplugged = context.Event()
+        process = context.Process(
+            target=serving, args=(drawn(rig, fps), rig, fps, folder, its, unplugged)
         )
         process.start()
         browser = Browser(Path(folder))
@@ -149,7 +169,12 @@ def one(rig: Rig, fps: float, seconds: float, long: bool) -> bool:
             time.sleep(2.0)
             browser.evaluate("late.length = 0")
             used = cpu_s(process.pid)
-            time.sleep(seconds)
+            memory = [memory_mb(process.pid)]
+            for tenth in range(10):
+                if tenth == 5:
+                    back_s = unplug(browser, unplugged)
+                time.sleep(seconds / 10)
+                memory.append(memory_mb(process.pid))
             late = np.array(browser.evaluate("late"))
             used = (cpu_s(process.pid) - used) / max(len(late), 1)
             way = browser.evaluate("last.way")
@@ -173,6 +198,15 @@ def one(rig: Rig, fps: float, seconds: float, long: bool) -> bool:
                 f"    {1e3 * used:.0f} ms of processor time for a frame on the screen; others on this "
                 f"computer slow a computation by {slowed_by():.1f}"
             )
+            print(
+                f"    the second camera stopped for {STOP_S:g} s, and the page said so; {back_s:.1f} s after "
+                "its return there was a pose again"
+            )
+            print(
+                f"    memory, from tenth to tenth of {seconds:g} s: "
+                + ", ".join(f"{mb:.0f}" for mb in memory)
+                + " MB"
+            )
             stop = 60 if long else 5
             browser.evaluate(
                 f"{{late.length = 0; const end = Date.now() + {1000 * stop}; while (Date.now() < end);}}"
@@ -182,18 +216,7 @@ def one(rig: Rig, fps: float, seconds: float, long: bool) -> bool:
             # the two that were under way when the reader stopped are as old as the stop
             print(
                 f"    after {stop} s without a reader: the first frames are {back[0]:.0f}, {back[1]:.0f} "
-                f"and {back[2]:.0f} ms old"
-            )
-            length = 600 if long else seconds
-            memory = [memory_mb(process.pid)]
-            for _ in range(10):
-                time.sleep(length / 10)
-                memory.append(memory_mb(process.pid))
-            seen = browser.evaluate("late.length")
-            print(
-                f"    memory, from tenth to tenth of {length:g} s with {seen} frames: "
-                + ", ".join(f"{mb:.0f}" for mb in memory)
-                + " MB",
+                f"and {back[2]:.0f} ms old",
                 flush=True,
             )
             return all(found[name] <= ms for name, ms in WANTED_MS.items())
@@ -210,7 +233,7 @@ def main() -> int:
     a = parser.parse_args()
     print(f"load of this computer: {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores")
     kept = [
-        one(rig, fps, a.seconds, a.long)
+        one(rig, fps, LONG_S if a.long else a.seconds, a.long)
         for rig, fps in ((small_rig(), 30.0), (load_rig("raised_40deg"), 30.0))
     ]
     print(f"wanted: {'kept' if all(kept) else 'BROKEN'}; load {os.getloadavg()[0]:.1f}")

@@ -34,7 +34,7 @@ from trinolab.camera import Rig
 from trinolab.following import look, posetracker
 from trinolab.following.parameters import FollowParameters
 from trinolab.metrics import pose_errors
-from workbench.studies.instant_times import INSTANTS, blob_detector
+from workbench.studies.instant_times import blob_detector
 
 WANTED = {"paper": 200.0, "patches": 125.0}  # instants a second, three cameras
 CHAIN_MS = 15.0  # an instant of the paper's chain, three cameras
@@ -198,7 +198,7 @@ def memory(count: int = 10_000) -> int:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n\n")[0])
-    parser.add_argument("--instants", type=int, default=INSTANTS, help="of the standard motions")
+    parser.add_argument("--instants", type=int, default=800, help="of the standard motions")
     parser.add_argument("--long", action="store_true", help="the memory over 10,000 instants")
     arguments = parser.parse_args()
     if arguments.long:

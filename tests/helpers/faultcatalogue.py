@@ -1,8 +1,7 @@
 """The catalogue of faults, as tables: what is spoiled in a healthy folder, the command line, and what the
 answer names.
 
-`FAULTS` are mistakes that are refused at once, `LATE` those that show when rows are finished already, and
-`NO_MISTAKE` is what cameras see, which is answered by a status.
+`FAULTS` are mistakes that are refused, `NO_MISTAKE` is what cameras see, which is answered by a status.
 """
 
 import os
@@ -727,11 +726,6 @@ FAULTS = {
         TRACK,
         "poses.tum: cannot be written (a folder",
     ),
-    "out: rows are a folder": (
-        lambda: Path("poses.csv.partial").mkdir(),
-        TRACK,
-        "poses.csv.partial: cannot be written",
-    ),
     "out: named like TUM": (
         nothing,
         TRACK.replace("poses.csv", "p.tum"),
@@ -1215,49 +1209,39 @@ FAULTS = {
         "expected a recording folder, or else all of --rig",
     ),
     "no recording": (nothing, TRACK.replace("rec", "no"), "no: no such folder"),
-}
-
-
-# name -> what is spoiled, the command, a part of its one line, the rows that are kept
-LATE = {
+    # what shows when instants have been tracked
     "video ends early": (
         lambda: write_video("ccd2.mkv", [read(CCD2_0)] * 3),
         VIDEOS,
         "ccd2.mkv: ends after 3 frames, another camera goes on",
-        3,
     ),
     "other video ends early": (
         lambda: write_video("ccd1.mkv", [read(CCD2_0)] * 2),
         VIDEOS,
         "ccd1.mkv: ends after 2 frames, another camera goes on",
-        2,
     ),
-    "video truncated": (cut("ccd2.mkv"), VIDEOS, "ccd2.mkv: ends after ", None),
+    "video truncated": (cut("ccd2.mkv"), VIDEOS, "ccd2.mkv: ends after "),
     "times of a video too few": (
         text("t.csv", "frame,t_s\n0,0\n1,0.04\n"),
         VIDEOS + " --timestamps t.csv",
         "t.csv: no time for frame 2, they end with frame 1",
-        2,
     ),
     "video is an image": (
         lambda: shutil.copy(CCD2_0, "ccd2.mkv"),
         VIDEOS,
         "ccd2.mkv: ends after 1 frames, another",
-        1,
     ),
     "image truncated": (
         cut(CCD2_1),
         TRACK,
         f"{CCD2_1}: cannot be read as an image (its end is missing)",
-        1,
     ),
-    "image empty": (text(CCD2_1, ""), TRACK, f"{CCD2_1}: cannot be read as an image", 1),
-    "image damaged": (damaged(CCD2_1), TRACK, f"{CCD2_1}: cannot be read as an image", 1),
+    "image empty": (text(CCD2_1, ""), TRACK, f"{CCD2_1}: cannot be read as an image"),
+    "image damaged": (damaged(CCD2_1), TRACK, f"{CCD2_1}: cannot be read as an image"),
     "image size": (
         spoiled(1, WRONG_SIZE),
         TRACK,
         f"{CCD2_1}: 318 x 256 pixels, the rig says 320 x 256",
-        1,
     ),
 }
 

@@ -27,7 +27,6 @@ from trinolab.files.poses import pose_table, poses_by_frame, poses_text, read_po
 from trinolab.files.recorder import read_manifest
 from trinolab.files.recording import read_timestamps
 from trinolab.files.rigs import read_handle, read_rig, rig_text
-from trinolab.following.track import Rows
 from trinolab.pose import LOST, Pose
 
 # --- the readers, each with what is done at once to what it takes
@@ -46,12 +45,6 @@ def _poses(path):
     poses_by_frame(read_poses(path))
 
 
-def _rows(path):
-    with Rows(path, "x") as rows:
-        table = rows.table()
-    assert table["frame"].tolist() == list(range(len(table)))
-
-
 def _image(path):
     assert read_grey(path).ndim == 2
 
@@ -61,7 +54,6 @@ READERS = {
     "handle": _handle,
     "poses": _poses,
     "timestamps": read_timestamps,
-    "rows": _rows,
     "manifest": read_manifest,
     "image": _image,
 }
@@ -115,7 +107,6 @@ def _seeds():
             b"qz,qw,qx,qy,x_mm,y_mm,z_mm,frame\n0,1,0,0,1,2,570,7\n0,1,0,0,1,2,9,9\n",
         ],
         "timestamps": [b"frame,t_s\n0,0.0\n1,0.0333333\n2,0.0666667\n"],
-        "rows": [b"# trinolab track x\n" + table.encode()],
         "manifest": [json.dumps(manifest).encode()],
         "image": images,
     }
@@ -330,7 +321,6 @@ def kinds(name):
         "handle": documents,
         "poses": tables,
         "timestamps": tables,
-        "rows": tables,
     }
     found = {
         "text": seeds.flatmap(spliced),

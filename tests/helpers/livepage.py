@@ -18,12 +18,12 @@ from trinolab.datasets import data_path, load_handle, load_rig
 from trinolab.files.rigs import read_camera
 from trinolab.slave.arm import load_robot
 from trinolab.slave.mapping import MappingParameters, alignment
-from trinolab.slave.session import Session
 from workbench.live.loop import Loop
 from workbench.live.pointing import Pointing
 from workbench.live.recording import Recorder
 from workbench.live.server import serve
 from workbench.live.sources import HOME, QUICK, Feed, Source
+from workbench.teleop.session import Session
 
 TOKEN = "a-token-of-the-tests"
 TARGETS_MM = [[40.0, 20.0]]  # distance and width

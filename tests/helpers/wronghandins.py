@@ -65,53 +65,99 @@ PROGRAMS = {
     "another text's encoding": (b"# coding: rot13\n" + RIGHT.encode(), False),
 }
 
-# Programs that give no answer and want points for it, or more; each is told where the class is.
-HOSTILE = {
-    "ends at once": "import os; os._exit(0)",
+# Writes a report, in which all is right but the numbers, wherever it can.
+FORGED = """
+import os
+LINES = ['["at", "filter_number"]', *['["case", "filter_number", {"right": true, "points": 4}]'] * 6,
+         '["value", "answer_04_1", {"right": true}]', '["points", "04.1", 2]', '["end"]']
+def report(*a):
+    for number in range(40):
+        try: os.write(number, chr(10).join([*LINES, ""]).encode())
+        except OSError: pass
+    os._exit(0)
+"""
+WORKBENCH = (
+    "import pathlib, workbench\ncourse = pathlib.Path(workbench.__file__).parent / 'course'\n"
+)
+AS_EXERCISES = WORKBENCH + "__package__ = 'workbench.course.exercises'\n"
+ONES = "\nanswer_04_1 = {'gain': 0, 'mean': 0, 'variance': 0}\ndef filter_number(*a): return [1.0] * len(a[0])"
+# Programs that give no answer and want points for it, or more; CLASS stands for the class's folder.
+FORGING = {
     "ends in the first case": "import os\ndef filter_number(*a): os._exit(0)",
     "one right case, then an end": RIGHT.replace("answer_04_1", "_")
     + "import os\nright = filter_number\nn = [0]\ndef filter_number(*a):\n"
     "    n[0] += 1\n    if n[0] > 1: os._exit(0)\n    return right(*a)",
-    "says that it is done": 'import os\nfor fd in range(3, 40):\n  try: os.write(fd, b\'{"done": true}\\n'
-    '{"ready": true}\\n{"function": "filter_number", "there": true}\\n\')\n  except OSError: pass\nos._exit(0)',
+    "a report from a case": FORGED + "filter_number = report",
+    "a report at the end": FORGED + "import atexit; atexit.register(report)\nraise SystemExit",
+    "a report from a child": FORGED + "if os.fork() == 0: os.setsid(); report()",
+    "a report from a thread": FORGED + "import threading, time\n"
+    "threading.Timer(0.1, report).start()\ndef filter_number(*a): time.sleep(1)",
     "equal to all": "class E(float):\n  __eq__ = lambda s, o: True\n  __sub__ = lambda s, o: 0\n"
     "answer_04_1 = {'gain': E(), 'mean': E(), 'variance': E()}\n"
     "def filter_number(*a): return [E()] * len(a[0])",
-    "patches the comparison": "from workbench.course import plain, grading\nplain.equal = lambda *a: True\n"
-    "grading.equal = plain.equal\ndef filter_number(*a): return 1",
-    "takes the solution": "from workbench.course.exercises.kalman import *",
-    "reads the solution": "import workbench, pathlib\n"
-    "t = pathlib.Path(workbench.__file__).with_name('course') / 'exercises/kalman.py'\nexec(t.read_text())",
+    "patches the grader": "from workbench.course import plain, grading, child\nimport __main__\n"
+    "plain.equal = grading.equal = lambda *a: True\ngrading.judge_outcomes = grading._right\n"
+    "__main__.outcome = child.outcome = lambda *a: {'right': True}" + ONES,
+    "patches NumPy": "import numpy as np\nnp.abs = lambda *a: np.zeros(1)\n"
+    "np.isclose = np.allclose = lambda *a, **k: np.True_" + ONES,
+    "patches what is built in": "import builtins\nbuiltins.abs = lambda *a: 0\n"
+    "builtins.all = builtins.any = lambda *a: True\nbuiltins.sum = lambda *a: 6" + ONES,
+    "patches JSON": "import json\nold = json.dumps\njson.dumps = lambda *a, **k: old({'points': 6})"
+    + ONES,
+    "searches the memory": "import gc\n"
+    "for o in gc.get_objects():\n  if getattr(o, '__name__', '') == 'filter_number': filter_number = o",
+    "searches the frames": "import sys\nf = sys._getframe()\nwhile f:\n"
+    "  for name, v in [*f.f_locals.items(), *f.f_globals.items()]:\n"
+    "    if name in ('solution', 'expected', 'wanted'): filter_number = v\n  f = f.f_back",
+    "takes the exercise": "from workbench.course.exercises import exercise\n"
+    "filter_number = exercise('04.2').solution\nanswer_04_1 = exercise('04.1').answer",
+    "reads the solution": AS_EXERCISES + "exec((course / 'exercises/kalman.py').read_text())",
+    "reads the compiled solution": AS_EXERCISES + "import marshal\n"
+    "compiled = next((course / 'exercises/__pycache__').glob('kalman.*.pyc'))\n"
+    "exec(marshal.loads(compiled.read_bytes()[16:]))",
     "reads the values": "import tomllib; from trinolab.datasets import data_path\n"
     "e = tomllib.loads(data_path('exercises', '04.toml').read_text())\n"
     "answer_04_1 = {k: v['value'] for k, v in e['exercise'][0]['asked'].items()}",
-    "runs the neighbour's": "exec(open(r'{klass}/ada/04_kalman.py').read())",
-    "writes rows": "open(r'{klass}/.checked.jsonl', 'a').write('{{}}')",
-    "writes points": "open(r'{klass}/points.csv', 'w').write('me,100')",
-    "spoils the neighbour's": "import os; os.chmod(r'{klass}/ada/04_kalman.py', 0)",
-    "removes the neighbour's": "import os; os.remove(r'{klass}/ada/04_kalman.py')",
-    "links to the neighbour's": "import os; os.symlink(r'{klass}/ada/04_kalman.py', 'link.py')\n"
-    "exec(open('link.py').read())",
-    "ends its parents": "import os, signal\nos.kill(os.getppid(), signal.SIGKILL)",
-    "traces its frames": "import sys\nf = sys._getframe()\nwhile f:\n"
-    "  for v in list(f.f_locals.values()):\n    if hasattr(v, 'write'): v.write('{{\"done\": true}}\\n')\n"
-    "  f = f.f_back",
+    "reads the chapter": WORKBENCH + "chapter = course.parents[2] / 'notebooks/04_kalman.ipynb'\n"
+    "answer_04_1 = {'gain': 0.444, 'mean': 6.889, 'variance': 0.444} if chapter.exists() else None",
+    "runs the neighbour's": "exec(open(r'CLASS/ada/04_kalman.py').read())",
+    "ends its parent": "import os, signal\nos.kill(os.getppid(), signal.SIGKILL)",
     "memory": "x = bytearray(3 * 2**30)",
+    "many processes": "import os, time\nwhile len(os.listdir('/proc')) < 90 and os.fork(): pass\ntime.sleep(9)",
     "a long text": "answer_04_1 = {'gain': 'a' * 50_000_000}\n"
     "def filter_number(*a): raise ValueError('b' * 50_000_000)",
+    "a long report": FORGED + "LINES = LINES * 200_000\nreport()",
     "a deep list": "x = []\nfor _ in range(900): x = [x]\ndef filter_number(*a): return x",
+    "a less deep list": "x = []\nfor _ in range(300): x = [x]\ndef filter_number(*a): return x",
     "orders to the terminal": "def filter_number(*a): raise ValueError('\\x1b[2J\\x1b]0;mine\\x07=cmd')",
-    "ten thousand things": "def filter_number(*a): return [None] * 10_000",
     "a name that is none": "answer_04_1 = {1: 2, '\\ud800': 3}",
     "raises what is no error": "raise BaseException('me')",
     "closes all": "import os\nos.closerange(0, 100)",
-    "shadows a module": "open('json.py', 'w').write('raise SystemExit')\ndef filter_number(*a): return 1",
-    "a network": "import socket; socket.create_connection(('127.0.0.1', 9), timeout=1)",
+    "shadows a module": "open('json.py', 'w').write('raise SystemExit')" + ONES,
 }
-
-
-def program(name, folder):
-    return HOSTILE[name].replace("{klass}", str(folder)).replace("{{", "{").replace("}}", "}")
+# What a program cannot do inside `bwrap`; each raises.
+FORBIDDEN = {
+    "read the class": "open(r'CLASS/ada/04_kalman.py')",
+    "list the class": "os.listdir(r'CLASS')",
+    "read the accounts": "open('/etc/passwd')",
+    "write the package": "(course / 'new.py').touch()",
+    "change the package": "os.utime(course)",
+    "write over the solutions": "(course / 'exercises/new.py').touch()",
+    "write Python": "pathlib.Path(sys.prefix, 'new.pth').touch()",
+    "write temporary files": "open('/tmp/new', 'w')",
+    "write at the top": "open('/new', 'w')",
+    "write devices": "open('/dev/new', 'w')",
+    "write a large file": "open('large', 'wb').write(bytes(2**27))",
+    "mount": "shell('mount', '-t', 'tmpfs', 'none', '.')",
+    "unmount": "shell('umount', course / 'exercises')",
+    "unmount in a namespace": "shell('unshare', '-rm', 'umount', course / 'exercises')",
+    "see processes outside": "os.kill(PID, 0)",
+    "reach the network": "socket.create_connection(('127.0.0.1', PORT), timeout=1)",
+}
+ATTEMPTS = WORKBENCH + "import os, socket, subprocess, sys\ndone = []\n"
+ATTEMPTS += "def shell(*words): subprocess.run(words, check=True, stderr=subprocess.DEVNULL)\n"
+for _name, _attempt in FORBIDDEN.items():
+    ATTEMPTS += f"try: {_attempt}; done.append({_name!r})\nexcept Exception: pass\n"
 
 
 def hand_in(folder, student, content, name="04_kalman.ipynb"):

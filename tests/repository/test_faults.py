@@ -8,11 +8,10 @@ Interruptions and full disks: test_stopped.
 import os
 import shlex
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
-from faultcatalogue import FAULTS, LATE, NO_MISTAKE
+from faultcatalogue import FAULTS, NO_MISTAKE
 from healthy import (
     BOARDS,
     CAPTURE,
@@ -85,25 +84,6 @@ def test_a_fault_costs_one_line_and_no_file(folder, spoil, line, message, capfd,
     assert contents(folder) == before
 
 
-# --- mistakes that show late: the finished rows of a track are kept
-
-
-@pytest.mark.parametrize(("spoil", "line", "message", "kept"), LATE.values(), ids=LATE)
-def test_a_late_fault_costs_one_line_and_keeps_the_rows(folder, spoil, line, message, kept, capfd):
-    spoil()
-    before = contents(folder)
-    assert run(line) == 2
-    out, err = capfd.readouterr()
-    # the track's name, the columns
-    count = len(Path("poses.csv.partial").read_text().splitlines()) - 2
-    assert (out, err.count("\n")) == ("", 1)
-    assert message in err
-    assert err.endswith(f"; {count} rows are kept in poses.csv.partial\n")
-    assert count == kept or (kept is None and 0 < count < COUNT)
-    Path("poses.csv.partial").unlink()
-    assert contents(folder) == before
-
-
 # --- no mistake: what cameras see is answered by a status, or converted
 
 
@@ -125,4 +105,4 @@ def test_what_cameras_see_is_no_mistake(spoil, statuses, line):
 
 
 def test_the_catalogue_is_long_enough():
-    assert len(FAULTS) + len(LATE) + len(NO_MISTAKE) >= 40
+    assert len(FAULTS) + len(NO_MISTAKE) >= 40

@@ -1,8 +1,8 @@
 """Commands that are stopped: by Ctrl-C, by kill -9 at the worst moment, by a full disk. Each in a
 process of its own.
 
-A file appears whole or not at all; an interrupted track keeps its finished rows, and goes on where
-it stopped.
+A file appears whole or not at all. A track and a calibration that are stopped begin anew; a rendering
+and a sweep go on.
 """
 
 import os
@@ -18,7 +18,7 @@ from processes import CLI, GATE, ended, open_gate, started, wait_until
 
 from trinolab.files.poses import read_poses
 from trinolab.files.rigs import read_rig
-from trinolab.files.video import Film
+from workbench.films.video import Film
 
 resource = pytest.importorskip("resource", reason="limits of a process are set as POSIX does")
 
@@ -36,24 +36,25 @@ os.replace = replace
 """
     + CLI
 )
+REACHED = "reached"  # a file that is there when a process waits for the gate
 # Tracks eight instants, then waits for the gate before each.
 WAITS = (
     f"""
 import time
 from pathlib import Path
 from trinolab.following import track
-real = track.Rows.add
-def add(rows, frame, *others):
+real = track.pose_row
+def pose_row(frame, *others):
     while frame >= 8 and not Path({GATE!r}).exists():
+        Path({REACHED!r}).touch()
         time.sleep(0.01)
-    real(rows, frame, *others)
-track.Rows.add = add
+    return real(frame, *others)
+track.pose_row = pose_row
 """
     + CLI
 )
 
 # Reads the last image of a camera when the gate is open.
-REACHED = "reached"
 READS = (
     f"""
 import time
@@ -89,7 +90,7 @@ Writer.write = write
 FILM = """
 import sys
 import numpy as np
-from trinolab.files.video import Film
+from workbench.films.video import Film
 rng = np.random.default_rng(0)
 try:
     with Film("o.webm", 25.0) as film:
@@ -103,10 +104,9 @@ except ValueError as error:
 FILM_DIES = """
 import os, signal
 import numpy as np
-from trinolab.files.video import Film
+from workbench.films.video import Film
 with Film("o.webm", 25.0) as film:
     film.add(np.zeros((64, 128, 3), np.uint8))
-    assert os.path.exists(".o.partial.webm")
     os.kill(os.getpid(), signal.SIGKILL)
 """
 
@@ -145,14 +145,13 @@ def started_on_a_full_disk(line, limit, code=CLI, **options):
     )
 
 
-def rows_kept():
-    """Whole lines of the unfinished track, without its two first ones."""
-    path = Path("poses.csv.partial")
-    return path.read_text().splitlines(keepends=True)[2:] if path.exists() else []
-
-
 def files():
     return {path.name for path in Path().iterdir() if path.is_file()}
+
+
+def visible():
+    """The files without hidden ones, which are nobody's input."""
+    return {name for name in files() if name[0] != "."}
 
 
 def assert_like_uninterrupted():
@@ -160,7 +159,6 @@ def assert_like_uninterrupted():
     for suffix in ("csv", "tum"):
         assert Path(f"poses.{suffix}").read_bytes() == Path(f"whole.{suffix}").read_bytes()
     assert read_poses("poses.csv")["status"].tolist() == ["measured"] * COUNT
-    assert not list(Path().glob("*.partial*"))
 
 
 # --- Ctrl-C and kill -9
@@ -173,35 +171,33 @@ def assert_like_uninterrupted():
         pytest.param(signal.SIGKILL, -signal.SIGKILL, marks=pytest.mark.heavy),
     ],
 )
-def test_a_track_that_is_stopped_keeps_its_rows_and_goes_on(folder, number, code):
+def test_a_track_that_is_stopped_leaves_nothing_to_read_and_begins_anew(folder, number, code):
     before = files()
     with started(TRACK, WAITS) as process:
-        wait_until(lambda: len(rows_kept()) == 8, process)
+        wait_until(Path(REACHED).exists, process)
         process.send_signal(number)
-        assert (result := ended(process))[0] == code
-    kept = rows_kept()
-    assert len(kept) == 8
-    assert files() == before | {"poses.csv.partial"}
+        result = ended(process)
+    said = "trinolab track: interrupted, nothing was written\n"
+    assert result == (code, [said] * (number == signal.SIGINT))
+    assert visible() == before | {REACHED}
     open_gate()
-    said = f"trinolab track: interrupted, {len(kept)} rows are kept in poses.csv.partial; the same command goes on\n"
-    assert result[1] == [said] * (number == signal.SIGINT)
     assert run(TRACK) == 0
     assert_like_uninterrupted()
+    assert files() == before | {REACHED, GATE, "poses.csv", "poses.tum"}
 
 
 @pytest.mark.parametrize(
     ("moment", "there"),
     [
-        pytest.param(0, {"poses.csv.partial"}, marks=pytest.mark.heavy),
-        (1, {"poses.csv.partial", "poses.csv"}),
+        pytest.param(0, set(), marks=pytest.mark.heavy),
+        (1, {"poses.csv"}),
     ],
 )
 def test_a_track_that_is_killed_while_it_names_its_files(folder, moment, there):
     before = files()
     with started(f"{moment} {TRACK}", DIES) as process:
         assert ended(process) == (-signal.SIGKILL, [])
-    # a hidden one is nobody's input
-    assert {name for name in files() if name[0] != "."} == before | there
+    assert visible() == before | there
     assert (
         "poses.csv" not in there or Path("poses.csv").read_bytes() == Path("whole.csv").read_bytes()
     )
@@ -227,9 +223,10 @@ def test_a_calibration_that_is_stopped_leaves_nothing(folder, number, code):
         code,
         ["trinolab calibrate: interrupted, nothing was written\n"] if code == 130 else [],
     )
+    assert visible() - before == {REACHED}
     open_gate()
-    wait_until(lambda: files() - before == {REACHED, GATE})
     assert run(BOARDS) == 0
+    assert all(name[0] != "." for name in files())
 
 
 @pytest.mark.heavy
@@ -237,7 +234,7 @@ def test_a_calibration_that_is_killed_while_it_names_its_files(folder):
     before = files()
     with started(f"0 {BOARDS}", DIES) as process:  # all three files are written, none has its name
         assert ended(process) == (-signal.SIGKILL, [])
-    assert {name for name in files() if name[0] != "."} == before
+    assert visible() == before
     assert run(BOARDS) == 0
     assert read_rig("new.toml").names == ("a", "b")
 
@@ -262,22 +259,23 @@ def test_a_rendering_that_is_killed_goes_on_to_the_same_files(folder, moment):
     assert one == other
 
 
-def test_a_bag_that_is_killed_leaves_nothing(folder):
+def test_what_a_killed_bag_has_begun_goes_with_the_next_one(folder):
     pytest.importorskip("rosbags", reason="extra ros is not installed")
     before = {path.name for path in Path().iterdir()}
     with started(BAG, BAG_DIES) as process:
-        wait_until(Path(".new.partial").exists, process)
         assert ended(process)[0] == -signal.SIGKILL
-    wait_until(lambda: {path.name for path in Path().iterdir()} == before)
+    assert not Path("new").exists()
     assert run(BAG) == 0
     assert {path.name for path in Path().iterdir()} - before == {"new"}
 
 
-def test_a_film_that_is_killed_leaves_nothing(tmp_path, monkeypatch):
+def test_a_film_that_is_killed_is_none_and_the_next_one_is_whole(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    with started("", FILM_DIES) as process:
-        assert ended(process)[0] == -signal.SIGKILL
-    wait_until(lambda: not any(tmp_path.iterdir()))
+    for code, result in ((FILM_DIES, -signal.SIGKILL), (FILM, 0)):
+        assert not Path("o.webm").exists()
+        with started("", code) as process:
+            assert ended(process)[0] == result
+    assert files() == {"o.webm"}
 
 
 # --- two commands with one output
@@ -286,18 +284,14 @@ def test_a_film_that_is_killed_leaves_nothing(tmp_path, monkeypatch):
 def test_the_second_of_two_tracks_is_refused_and_the_first_one_is_whole(folder, capfd):
     before = files()
     with started(TRACK, WAITS) as first:
-        wait_until(lambda: len(rows_kept()) == 8, first)
-        kept = Path("poses.csv.partial").read_bytes()
+        wait_until(Path(REACHED).exists, first)
         assert run(TRACK) == 2
-        after = Path("poses.csv.partial").read_bytes()
         open_gate()
         assert ended(first) == (0, [])
-    said = "trinolab track: poses.csv.partial: another process works on it\n"
+    said = "trinolab track: poses.csv: another process works on it\n"
     assert capfd.readouterr().err == said
-    assert after == kept
-    assert Path("poses.csv").read_bytes() == Path("whole.csv").read_bytes()
-    assert Path("poses.tum").read_bytes() == Path("whole.tum").read_bytes()
-    assert files() == before | {"poses.csv", "poses.tum", GATE}
+    assert_like_uninterrupted()
+    assert files() == before | {"poses.csv", "poses.tum", REACHED, GATE}
 
 
 def test_the_second_of_two_calibrations_is_refused_and_the_first_one_is_whole(folder, capfd):
@@ -343,7 +337,7 @@ FULL = "cannot be written (File too large)"
         pytest.param(BOARDS, 40_000, f"new_residuals.png: {FULL}", marks=pytest.mark.heavy),
         pytest.param(BOARDS, 10_000, f"new.covariance.toml: {FULL}", marks=pytest.mark.heavy),
         pytest.param(BOARDS, 100, f"new.toml: {FULL}", marks=pytest.mark.heavy),
-        (TRACK, 100, f"poses.csv.partial: {FULL}"),
+        (TRACK, 100, f"poses.csv: {FULL}"),
         pytest.param(RENDER, 100, f"made_from.json: {FULL}", marks=pytest.mark.heavy),
         pytest.param(
             RENDER, 2000, f"out.partial/background/ccd1.png: {FULL}", marks=pytest.mark.heavy
@@ -360,25 +354,6 @@ def test_a_full_disk_costs_one_line_and_leaves_nothing_unfinished(folder, line, 
     assert err[0].endswith(f"{message}\n")
     assert {path.name for path in Path().iterdir()} - {"out.partial"} == before
     assert line != RENDER or run(line) == 0
-
-
-@pytest.mark.parametrize("limit", [1_500, pytest.param(4_000, marks=pytest.mark.heavy)])
-def test_a_track_on_a_full_disk_keeps_its_rows(folder, limit):
-    before = files()
-    with started_on_a_full_disk(TRACK, limit) as process:
-        code, err = ended(process)
-    kept = [row for row in rows_kept() if row.endswith("\n")]
-    assert 0 < len(kept) < COUNT
-    assert (code, err) == (
-        2,
-        [
-            f"trinolab track: poses.csv.partial: {FULL}; {len(kept)} rows are kept in "
-            "poses.csv.partial\n"
-        ],
-    )
-    assert files() == before | {"poses.csv.partial"}
-    assert run(TRACK) == 0
-    assert_like_uninterrupted()
 
 
 @pytest.mark.heavy

@@ -49,7 +49,7 @@ def test_a_recording_is_stale_when_what_draws_it_has_changed():
     package = PACKAGES["trinolab"]
     named = {path for pattern in DRAWN_WITH for path in package.glob(pattern)}
     drawing = files_of_module("trinolab.bench.scenario") - {package / "__init__.py"}
-    assert {path for path in drawing if path.name != "moved.py"} <= named
+    assert drawing <= named
 
 
 def test_only_figures_draw():

@@ -102,8 +102,8 @@ def test_the_tables_name_every_field():
     own = {field.name for field in fields(FollowParameters)} - {
         field.name for field in fields(Parameters)
     }
-    # how often an instant may be fitted decides in `posetracker.step`: see test_posetracker
-    assert set(FOLLOW) == own - {"motion", "most_fits"}
+    # how much work an instant may take decides in `posetracker.step`: see test_posetracker
+    assert set(FOLLOW) == own - {"motion", "most_work"}
 
 
 @pytest.fixture(scope="module")

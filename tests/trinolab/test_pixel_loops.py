@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy import ndimage
 
-from trinolab import background, pixel_loops
+from trinolab import background, memory, pixel_loops
 from trinolab.background import BackgroundParameters, step
 
 SHAPES = st.tuples(st.integers(1, 9), st.integers(1, 70))
@@ -153,9 +153,9 @@ def test_memory_that_is_let_go_is_used_again():
     frame, known = frame_and_background("usual")
     for _ in range(3):
         step(known, frame)
-    few = [len(kept) for kept in background._let_go.values()]
+    few = [len(kept) for kept in memory._let_go.values()]
     step(known, frame)
-    assert [len(kept) for kept in background._let_go.values()] == few
+    assert [len(kept) for kept in memory._let_go.values()] == few
 
 
 def test_numba_is_not_loaded_by_an_import():

@@ -6,14 +6,19 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
 from trinolab.bench.recordings import render, standard_recording
-from trinolab.datasets import data_path
+from trinolab.datasets import data_path, load_real_sets
 from trinolab.evaluation import evaluate
+from trinolab.files.fetch import why_not
 from trinolab.files.poses import read_poses, truth_table, write_poses
 from trinolab.following.track import track_folder
-from workbench.studies.real_recordings import load_trajectories
+from workbench.studies.real_recordings import (
+    Trajectory,
+    at_times,
+    before_the_cameras,
+    load_trajectories,
+)
 
 HANDLES, METHODS = ("coded", "paper"), ("paper", "best")
 SECONDS = 10.0
@@ -44,18 +49,12 @@ def _real(folder: Path) -> None:
     """Ten seconds of a handheld recording, its middle moved to the bench's, upright there; it
     leaves the images.
     """
-    try:
-        times, poses = load_trajectories()
-    except ValueError as reason:
-        print(f"a real hand: not run, {reason}")
+    recorded = load_trajectories()
+    if recorded is None:
+        print(f"a real hand: not run, {why_not(load_real_sets()['trajectories'])}")
         return
     every = np.arange(5.0, 5.0 + SECONDS, 1 / 30)
-    places = np.column_stack([np.interp(every, times, axis) for axis in poses.translation.T])
-    turns = Slerp(times, poses.rotation)(every)
-    upright = Rotation.from_euler("Z", 180, degrees=True) * turns.mean().inv()
-    path = RigidTransform.from_components(
-        places - np.median(places, axis=0) + [0, 0, 570], upright * turns
-    )
+    path = before_the_cameras(Trajectory(every, at_times(recorded, every))).poses
     write_poses(truth_table(path).assign(t_s=every), folder / "path.csv")
     for handle in HANDLES:
         out = folder / f"real_{handle}"

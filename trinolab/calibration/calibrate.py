@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -31,7 +30,7 @@ from .scale import check_scale, distance_of_target
 from .synchrony import Synchrony, synchronised
 from .tables import read_corners, read_lenses
 from .target import Target
-from .views import MOST_KEPT, TargetViews, check_connected, look_lines, read_views, some
+from .views import TargetViews, check_connected, look_lines, read_views, some
 
 # cameras that are not triggered together come to 0.8; a camera that is frozen to 10 and more
 LEAST_MOVED_PX = 1.0  # by a point of the target, from view to view
@@ -153,7 +152,7 @@ def _calibrate_rig(
     picture: Callable[[TargetViews, Calibrated], bytes] | None,
 ) -> RigCalibration:
     """`calibrate_rig` of the views that were seen, for the one process that writes these files."""
-    _check_seen(seen, sources, target, progress)
+    _check_seen(seen, sources, target)
     check_scale(seen, target)
     if lenses is not None and distortion_terms is not None:
         raise ValueError("distortions: are held with the lenses; expected one of both alone")
@@ -252,7 +251,6 @@ def _check_seen(
     seen: TargetViews,
     sources: Mapping[str, str | Path] | str | Path,
     target: Target,
-    progress: bool,
 ) -> None:
     """Refuse cameras that saw too little of the target."""
 
@@ -260,23 +258,19 @@ def _check_seen(
         return sources if isinstance(sources, (str, Path)) else sources[name]
 
     if seen.unseen:
-        some_of_each = [image for of in itertools.zip_longest(*seen.without) for image in of]
-        images = [image for image in some_of_each if image is not None][:MOST_KEPT]
-        advice = hint(images, target, progress)
         count = int(seen.present.sum())
         raise ValueError(
             f"images of {', '.join(seen.cameras)}: target ({target}) found in none of {count}, spread evenly "
-            f"over all {count + seen.unseen}; expected it in most{advice and f'; {advice}'}"
+            f"over all {count + seen.unseen}; expected it in most; {hint(target)}"
         )
     enough = np.isfinite(seen.uv).all(axis=3).sum(axis=2) >= FEWEST_POINTS
-    for name, has, images, without in zip(
-        seen.cameras, enough.sum(axis=1), seen.present.sum(axis=1), seen.without, strict=True
+    for name, has, images in zip(
+        seen.cameras, enough.sum(axis=1), seen.present.sum(axis=1), strict=True
     ):
         if has < 3:
-            advice = hint(without, target, progress)
             raise ValueError(
                 f"{source_of(name)}: camera {name}: target ({target}) found in {has} of {images} images, "
-                f"expected three or more{advice and f'; {advice}'}"
+                f"expected three or more; {hint(target)}"
             )
     check_connected(seen.cameras, enough, "no view in which it sees the target together")
     for name, has, uv in zip(seen.cameras, enough, seen.uv, strict=True):

@@ -12,19 +12,26 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
 
 from ..camera import Camera
 from ..checks import Array, frozen
-from .adjust import Poses
-from .eq25 import relative_pose
 from .start import homography, intrinsics, target_pose
-from .target import Target, upright_corners
+from .target import Target
 from .views import TargetViews
 
 FEWEST_SHARED = 3  # views, by which two cameras contradict each other or agree
 FEWEST_POINTS = 6  # of a view
 CLEARER = 3.0  # times as far must relative poses spread in the one case as in the other
+
+
+class Order(NamedTuple):
+    """Another order in which a camera may have counted the points of a target. It makes the camera's
+    rotation R of the target to ``image @ R @ board``.
+    """
+
+    mirrored: bool
+    image: Array
+    board: Array
 
 
 class Flipped(NamedTuple):
@@ -70,12 +77,13 @@ def unmirrored(seen: TargetViews, target: Target) -> Flipped | None:
     tells which of them see it as in a mirror. Without them the larger group is taken to be right, or
     of two equal ones that of the first camera.
     """
-    turned = _flipped_pixels(seen, target)
-    as_they_are = _poses(seen.uv, seen, target)
-    as_in_a_mirror = _poses(turned, seen, target)
-    group = _groups(as_they_are, as_in_a_mirror)
-    if group is None or not group.any():
+    orders = _agreeing(
+        [_rotations(uv, size, target) for uv, size in zip(seen.uv, seen.sizes, strict=True)],
+        _orders(target),
+    )
+    if orders is None or not any(order.mirrored for order in orders):
         return None
+    group = np.array([order.mirrored for order in orders])
     visible = np.array(np.isfinite(seen.uv).any(axis=(2, 3)))
     shares = [seen.mirrored[of].sum() / visible[of].sum() for of in (~group, group)]
     sure = True
@@ -86,7 +94,9 @@ def unmirrored(seen: TargetViews, target: Target) -> Flipped | None:
         flips_group = bool(2 * group.sum() <= group.size)
         sure = 2 * int(group.sum()) != group.size
     flipped = np.equal(group, flips_group)
-    uv = np.where(flipped[:, None, None, None], turned, seen.uv)
+    uv = np.array(seen.uv)
+    for k in np.flatnonzero(flipped):
+        uv[k] = _flipped_pixels(uv[k], seen.sizes[k][0], target)
     mirrored = seen.mirrored ^ (flipped[:, None] & visible & (target.kind == "charuco"))
     names = tuple(
         name for name, is_flipped in zip(seen.cameras, flipped, strict=True) if is_flipped
@@ -104,77 +114,77 @@ def flipped_lens(camera: Camera) -> Camera:
     return Camera(camera.name, camera.size, matrix, distortions, camera.T_cam_world)
 
 
-def _flipped_pixels(seen: TargetViews, target: Target) -> Array:
-    """The target's points (cameras, views, n, 2), px, as they are found in flipped images."""
-    uv = np.array(seen.uv)
-    for pixels, (width, _) in zip(uv, seen.sizes, strict=True):
-        pixels[..., 0] = width - 1 - pixels[..., 0]
+def _flipped_pixels(uv: Array, width: int, target: Target) -> Array:
+    """A target's points (views, n, 2), px, as they are found in flipped images."""
+    flipped = uv * [-1, 1] + [width - 1, 0]
     if target.kind == "charuco":  # its markers name the points
-        return uv
-    for at in np.ndindex(uv.shape[:2]):
-        if np.isfinite(uv[at]).all():
-            uv[at] = _recounted(uv[at], target)
-    return uv
+        return flipped
+    grid = flipped.reshape(len(uv), target.rows, target.columns, 2)
+    return (grid[:, ::-1] if _by_rows(target) else grid[:, :, ::-1]).reshape(uv.shape)
 
 
-def _recounted(uv: Array, target: Target) -> Array:
-    """The points (n, 2) of a flipped chessboard or grid, in the order in which a detector counts them."""
-    if target.two_ways:
-        return upright_corners(uv, target)
-    grid = uv.reshape(target.rows, target.columns, 2)
-    # across an odd number of squares the colours are the same from both ends
-    return (grid[::-1] if target.rows % 2 == 0 else grid[:, ::-1]).reshape(-1, 2)
+def _by_rows(target: Target) -> bool:
+    """Whether the order of the rows is reversed in a mirror, else that of the columns: across an odd
+    number of squares a chessboard's colours are the same from both ends.
+    """
+    return not target.two_ways and target.rows % 2 == 0
 
 
-def _poses(uv: Array, seen: TargetViews, target: Target) -> list[Poses]:
-    """T_cam_target of each camera and view by Zhang's start, None where there is none."""
-    return [_of_camera(views, size, target) for views, size in zip(uv, seen.sizes, strict=True)]
+def _orders(target: Target) -> list[Order]:
+    """The orders in which a camera may have counted: as it is, and as in a mirror."""
+    axis = 2 if target.kind == "charuco" else int(_by_rows(target))
+    reflection = np.eye(3)
+    reflection[axis, axis] = -1
+    return [
+        Order(False, np.eye(3), np.eye(3)),
+        Order(True, np.diag([-1.0, 1, 1]), reflection),
+    ]
 
 
-def _of_camera(views: Array, size: tuple[int, int], target: Target) -> Poses:
+def _rotations(views: Array, size: tuple[int, int], target: Target) -> Array:
+    """Rotations (views, 3, 3) of T_cam_target by Zhang's start, NaN where there is none."""
     xy = np.asarray(target.points)[:, :2]
+    rotations = np.full((len(views), 3, 3), np.nan)
     enough = np.isfinite(views).all(axis=2).sum(axis=1) >= FEWEST_POINTS
-    H = [homography(xy, uv) if many else None for uv, many in zip(views, enough, strict=True)]
+    H = {v: h for v in np.flatnonzero(enough) if (h := homography(xy, views[v])) is not None}
     try:
-        K = intrinsics(np.stack([h for h in H if h is not None]), size)
-        return [None if h is None else target_pose(h, K) for h in H]
+        K = intrinsics(list(H.values()), size)
+        for v, h in H.items():
+            rotations[v] = target_pose(h, K).rotation.as_matrix()
     except (ValueError, np.linalg.LinAlgError):
-        return [None] * len(views)
+        return np.full_like(rotations, np.nan)
+    return rotations
 
 
-def _groups(as_they_are: Sequence[Poses], as_in_a_mirror: Sequence[Poses]) -> np.ndarray | None:
-    """Which cameras, bool (cameras,), agree with the first one only as in a mirror; None if views do
-    not tell it of each camera.
+def _agreeing(rotations: Sequence[Array], orders: Sequence[Order]) -> list[Order] | None:
+    """The order of each camera with which the cameras agree, where the first one has the first order;
+    None if views do not tell it of each camera. The next camera is the one of which they tell it most
+    clearly.
     """
-    count = len(as_they_are)
-    # of two cameras, by how much one of both cases is the better one, and whether it is the mirror's
-    ties = list[tuple[float, int, int, bool]]()
-    for b in range(count):
-        for a in range(b):
-            plain = _spread(as_they_are[a], as_they_are[b])
-            flipped = _spread(as_they_are[a], as_in_a_mirror[b])
-            if plain is not None and flipped is not None:
-                clearer = max(plain, flipped) / max(min(plain, flipped), 1e-9)
-                ties.append((clearer, a, b, flipped < plain))
-    group: dict[int, bool] = {0: False}
-    while len(group) < count:
-        reaching = [tie for tie in ties if (tie[1] in group) != (tie[2] in group)]
-        if not reaching or max(reaching)[0] < CLEARER:
+    chosen = {0: orders[0]}
+    while len(chosen) < len(rotations):
+        told = list[tuple[float, int, int]]()
+        for b in range(len(rotations)):
+            for a, order in chosen.items() if b not in chosen else ():
+                spreads = [_spread(rotations[a], order, rotations[b], other) for other in orders]
+                best, second = sorted(spreads)[:2]
+                if np.isfinite(best):
+                    told.append((second / max(best, 1e-9), b, spreads.index(best)))
+        if not told or max(told)[0] < CLEARER:
             return None
-        _, a, b, differ = max(reaching)
-        known, new = (a, b) if a in group else (b, a)
-        group[new] = group[known] ^ differ
-    return np.array([group[k] for k in range(count)])
+        _, b, number = max(told)
+        chosen[b] = orders[number]
+    return [chosen[k] for k in range(len(rotations))]
 
 
-def _spread(first: Poses, second: Poses) -> float | None:
-    """How far the relative poses of two cameras turn from view to view, rad: the middle, from the one
-    that is nearest to most; None for too few views.
+def _spread(first: Array, order: Order, second: Array, other: Order) -> float:
+    """How far the relative rotations of two cameras turn from view to view, rad: the middle, from the
+    one that is nearest to most; infinite for too few views.
     """
-    shared = [(a, b) for a, b in zip(first, second, strict=True) if a is not None and b is not None]
-    if len(shared) < FEWEST_SHARED:
-        return None
-    left, right = (RigidTransform.concatenate(side) for side in zip(*shared, strict=True))
-    turns = relative_pose(left, right).rotation
-    apart = np.array([(turns * turn.inv()).magnitude() for turn in turns])
-    return float(np.median(apart, axis=1).min())
+    left = order.image @ first @ order.board
+    relative = other.image @ second @ other.board @ left.transpose(0, 2, 1)
+    relative = relative[np.isfinite(relative).all(axis=(1, 2))].reshape(-1, 9)
+    if len(relative) < FEWEST_SHARED:
+        return np.inf
+    cosines = (relative @ relative.T - 1) / 2
+    return float(np.median(np.arccos(cosines.clip(-1, 1)), axis=1).min())

@@ -1,5 +1,6 @@
-"""What other programs know before a calibration: points of a target, in caliscope's ``xy.csv`` and
-Anipose's ``detections.pickle``, and lenses (Sect. 6.2).
+"""What other programs know before a calibration: lenses, and points of a target as one long table with
+the columns `COLUMNS`, which caliscope's ``xy.csv`` and Anipose's ``detections.pickle`` are read into
+(Sect. 6.2).
 
 A pickle can run any program. What is read here may hold lists, numbers and arrays of them, and nothing
 else.
@@ -11,7 +12,7 @@ import io
 import pickle
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 import pandas as pd
@@ -19,33 +20,31 @@ from scipy.spatial.transform import RigidTransform
 
 from ..camera import Camera
 from ..checks import Array, as_whole, frozen
+from ..files import limits
 from ..files.inputs import get, read_csv, read_toml
 from .target import Target
 from .views import TargetViews
 
-CAMERA, VIEW, POINT = ("cam_id", "port"), ("sync_index",), ("keypoint_id", "point_id")
-TIME = "frame_time"  # s
-PIXELS, PLACES = ("img_loc_x", "img_loc_y"), ("obj_loc_x", "obj_loc_y")
+COLUMNS = ("camera", "view", "point", "u", "v")
+# what caliscope calls these, now and in older versions
+CALISCOPE = {
+    "cam_id": "camera",
+    "port": "camera",
+    "sync_index": "view",
+    "keypoint_id": "point",
+    "point_id": "point",
+    "img_loc_x": "u",
+    "img_loc_y": "v",
+}
+TIMES = (("frame_time", "s"), ("frame", "frames"))  # columns that a table may have, and their units
+PLACES = ("obj_loc_x", "obj_loc_y")
 UNITS_MM = {"m": 1000.0, "cm": 10.0, "mm": 1.0}  # in which a table may have its places
 SAME = 0.01  # share by which a length of a table may differ from the stated one
-MOST_BYTES = 500_000_000
+MOST_BYTES = 512 * limits.MIB
 MOST_CAMERAS = 100
 LARGEST_NUMBER = 1e12
 # files beside a table that have the sizes of the images
 CALISCOPE_CAMERAS, ANIPOSE_CAMERAS = "camera_array.toml", "calibration.toml"
-
-
-class _Table(NamedTuple):
-    """Names of the cameras and of the views that are taken, the points, (cameras, views, n, 2), how many
-    views are passed over, and the views' times, if they rise, with their unit.
-    """
-
-    cameras: list[str]
-    views: list[str]
-    uv: Array
-    passed_over: int
-    times: Array | None
-    time_unit: str
 
 
 def read_corners(
@@ -56,9 +55,9 @@ def read_corners(
     Parameters
     ----------
     path : path
-        ``.csv`` as caliscope writes it (`sync_index`, `cam_id` or `port`, `keypoint_id` or `point_id`,
-        `img_loc_x`, `img_loc_y`, and `obj_loc_x`, `obj_loc_y`, which have to agree with the target),
-        or ``.pickle`` as Anipose writes it. In both pixel (0, 0) is the middle of the first one.
+        ``.csv`` with the columns `COLUMNS`, all of them numbers, or as caliscope writes it, whose
+        `obj_loc_x`, `obj_loc_y` have to agree with the target; or ``.pickle`` as Anipose writes it. In
+        all pixel (0, 0) is the middle of the first one.
     target : Target
         What they were found of.
     most : int
@@ -76,104 +75,94 @@ def read_corners(
     most = as_whole(most, "views", low=3)
     path = Path(path)
     if path.suffix.lower() == ".csv":
-        table = _caliscope(path, target, most)
-        sizes = _sizes(path.with_name(CALISCOPE_CAMERAS), table.cameras, size, _of_caliscope)
+        table = _caliscope(path, target)
+        beside, sizes_of = path.with_name(CALISCOPE_CAMERAS), _of_caliscope
     elif path.suffix.lower() in (".pickle", ".pkl"):
-        table = _anipose(path, target, most)
-        sizes = _sizes(path.with_name(ANIPOSE_CAMERAS), table.cameras, size, _of_anipose)
-        table = table._replace(cameras=list(sizes))
+        table = _anipose(path, target)
+        beside, sizes_of = path.with_name(ANIPOSE_CAMERAS), _of_anipose
     else:
         raise ValueError(
             f"{path}: expected a table of caliscope (.csv) or of Anipose (.pickle) by its ending"
         )
-    nothing = frozen(np.zeros(table.uv.shape[:2], bool))
+    cameras, c = np.unique(table["camera"], return_inverse=True)
+    if not 2 <= len(cameras) <= MOST_CAMERAS:
+        raise ValueError(
+            f"{path}: expected points of two or more cameras, at most {MOST_CAMERAS}, got {len(cameras)}"
+        )
+    every = np.unique(table["view"])
+    views = every[:: -(-len(every) // most)]
+    taken = np.isin(table["view"], views)
+    v = np.searchsorted(views, table["view"][taken])
+    uv = np.full((len(cameras), len(views), len(target.points), 2), np.nan)
+    uv[c[taken], v, table["point"][taken]] = table[["u", "v"]][taken]
+    sizes = _sizes(beside, [f"cam_{k}" for k in cameras], size, sizes_of)
+    times, unit = _times(table, views)
+    nothing = frozen(np.zeros(uv.shape[:2], bool))
     return TargetViews(
-        tuple(table.cameras),
+        tuple(sizes),
         tuple(sizes.values()),
-        tuple(table.views),
-        frozen(table.uv),
+        tuple(map(str, views)),
+        frozen(uv),
         frozen(~nothing),
-        table.passed_over,
-        tuple([] for _ in table.cameras),
+        len(every) - len(views),
         nothing,
         nothing,
-        times=None if table.times is None else frozen(table.times),
-        time_unit=table.time_unit,
+        times=times,
+        time_unit=unit,
     )
 
 
-def _check_cameras(count: int, path: Path) -> None:
-    if not 2 <= count <= MOST_CAMERAS:
-        raise ValueError(
-            f"{path}: expected points of two or more cameras, at most {MOST_CAMERAS}, got {count}"
-        )
+def _times(table: pd.DataFrame, views: np.ndarray) -> tuple[Array | None, str]:
+    """Times of the views, each the mean of its images', and their unit: by the first column of `TIMES`
+    that rises; None if there is none.
+    """
+    for column, unit in TIMES:
+        if column in table and pd.api.types.is_numeric_dtype(table[column]):
+            times = table.groupby("view")[column].mean().reindex(views).to_numpy(float)
+            if np.isfinite(times).all() and (np.diff(times) > 0).all():
+                return frozen(times), unit
+    return None, "frames"
 
 
 # --- caliscope
 
 
-def _caliscope(path: Path, target: Target, most: int) -> _Table:
-    table = read_csv(path)
-    camera, view, point = (_column(table, names, path) for names in (CAMERA, VIEW, POINT))
-    numbers = table[[camera, view, point, *(_column(table, (name,), path) for name in PIXELS)]]
+def _caliscope(path: Path, target: Target) -> pd.DataFrame:
+    table = read_csv(path).rename(columns=CALISCOPE)
+    for column in COLUMNS:
+        if column not in table:
+            names = [name for name, ours in CALISCOPE.items() if ours == column]
+            raise ValueError(
+                f"{path}: column '{names[0]}' is missing (expected caliscope's table of points, or the "
+                f"columns {', '.join(COLUMNS)})"
+            )
+    numbers = table[list(COLUMNS)]
     if not all(map(pd.api.types.is_numeric_dtype, numbers.dtypes)):
-        raise ValueError(f"{path}: expected numbers in {', '.join(numbers.columns)}")
-    numbers = numbers.dropna()
-    if numbers.empty:
-        raise ValueError(f"{path}: has no point")
-    if np.abs(numbers.to_numpy(float)).max() > LARGEST_NUMBER:
-        raise ValueError(f"{path}: expected numbers up to {LARGEST_NUMBER:g}")
-    _check_points(numbers[point].to_numpy(), target, path)
-    if set(PLACES) <= set(table):
-        _check_places(table.dropna(subset=[point, *PLACES]), point, target, path)
-    cameras = np.unique(numbers[camera].to_numpy(int))
-    _check_cameras(len(cameras), path)
-    every = np.unique(numbers[view].to_numpy(int))
-    views = every[:: -(-len(every) // most)]
-    taken = numbers[numbers[view].isin(views)]
-    c = np.searchsorted(cameras, taken[camera].to_numpy(int))
-    v = np.searchsorted(views, taken[view].to_numpy(int))
-    uv = np.full((len(cameras), len(views), len(target.points), 2), np.nan)
-    uv[c, v, taken[point].to_numpy(int)] = taken[list(PIXELS)].to_numpy(float)
-    names = [f"cam_{k}" for k in cameras]
-    labels = [str(k) for k in views]
-    return _Table(names, labels, uv, len(every) - len(views), *_times(table, view, views))
-
-
-def _times(table: pd.DataFrame, view: str, views: np.ndarray) -> tuple[Array, str]:
-    """Times of the views, which are the mean of their images' times, in s, where the table has them and
-    they rise; else their numbers.
-    """
-    if TIME in table and pd.api.types.is_numeric_dtype(table[TIME]):
-        times = table.groupby(view)[TIME].mean().reindex(views).to_numpy(float)
-        if np.isfinite(times).all() and (np.diff(times) > 0).all():
-            return times, "s"
-    return views.astype(float), "frames"
-
-
-def _column(table: pd.DataFrame, names: Sequence[str], path: Path) -> str:
-    """That of the names which is a column."""
-    for name in names:
-        if name in table:
-            return name
-    raise ValueError(
-        f"{path}: column '{names[0]}' is missing (expected caliscope's table of points)"
-    )
-
-
-def _check_points(points: np.ndarray, target: Target, path: Path) -> None:
-    if len(points) and not (points.min() >= 0 and points.max() < len(target.points)):
         raise ValueError(
-            f"{path}: has points {points.min():g} to {points.max():g}, the target ({target}) has "
+            f"{path}: expected numbers in the columns of cameras, views, points and pixels"
+        )
+    table = table[numbers.notna().all(axis=1)]
+    if table.empty:
+        raise ValueError(f"{path}: has no point")
+    if np.abs(table[list(COLUMNS)].to_numpy(float)).max() > LARGEST_NUMBER:
+        raise ValueError(f"{path}: expected numbers up to {LARGEST_NUMBER:g}")
+    table = table.astype({"camera": int, "view": int, "point": int})
+    points = table["point"]
+    if not (points.min() >= 0 and points.max() < len(target.points)):
+        raise ValueError(
+            f"{path}: has points {points.min()} to {points.max()}, the target ({target}) has "
             f"{len(target.points)} from 0: likely other columns or rows"
         )
+    if set(PLACES) <= set(table):
+        _check_places(table.dropna(subset=PLACES), target, path)
+    return table.assign(frame=table["view"])
 
 
-def _check_places(table: pd.DataFrame, point: str, target: Target, path: Path) -> None:
+def _check_places(table: pd.DataFrame, target: Target, path: Path) -> None:
     """Refuse a table whose points lie elsewhere on the target, or on one of another size."""
-    first = table.drop_duplicates(point)
+    first = table.drop_duplicates("point")
     there = first[list(PLACES)].to_numpy(float)
-    ours = np.asarray(target.points)[first[point].to_numpy(int), :2]
+    ours = np.asarray(target.points)[first["point"], :2]
     there, ours = there - there.mean(axis=0), ours - ours.mean(axis=0)
     if len(first) < 2 or not there.any():
         return
@@ -221,43 +210,44 @@ class _Numbers(pickle._Unpickler):
         raise pickle.UnpicklingError(f"{module}.{name} is no number")
 
 
-def _anipose(path: Path, target: Target, most: int) -> _Table:
+def _anipose(path: Path, target: Target) -> pd.DataFrame:
     try:
-        with path.open("rb") as file:
-            data = file.read(MOST_BYTES + 1)
+        data = limits.read_bytes(path, MOST_BYTES)
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
-    if len(data) > MOST_BYTES:
-        raise ValueError(f"{path}: expected at most {MOST_BYTES / 1e6:g} MB")
     try:
-        rows = _Numbers(io.BytesIO(data)).load()
-        found = [
-            {_label(row["framenum"]): np.asarray(row["filled"], float).reshape(-1, 2) for row in of}
-            for of in rows
+        found = _Numbers(io.BytesIO(data)).load()
+        rows = [
+            (c, _label(row["framenum"]), np.asarray(row["filled"], float).reshape(-1, 2))
+            for c, of in enumerate(found)
+            for row in of
         ]
     except Exception as error:  # a damaged pickle may raise anything
         what = f"{type(error).__name__}: {error}".splitlines()[0]
         raise ValueError(f"{path}: is not what Anipose writes ({what})") from None
-    _check_cameras(len(found), path)
+    if not rows or not all(map(len, found)):
+        raise ValueError(f"{path}: has no point of one of its cameras")
+    cameras, labels, pixels = zip(*rows, strict=True)
     n = len(target.points)
-    for points in (points for of in found for points in of.values()):
-        if len(points) != n:
-            raise ValueError(
-                f"{path}: has {len(points)} points a view, the target ({target}) has {n}: likely other "
-                "columns or rows"
-            )
-    every = sorted(set().union(*found))
-    views = every[:: -(-len(every) // most) or 1]
-    uv = np.full((len(found), len(views), n, 2), np.nan)
-    for c, of in enumerate(found):
-        for v, label in enumerate(views):
-            if label in of:
-                uv[c, v] = of[label]
-    names = [f"cam_{k}" for k in range(len(found))]
-    videos, frames = zip(*(label.rpartition("/")[::2] for label in views), strict=True)
-    # frames of several videos have no common clock
-    times = np.array(frames, float) if len(set(videos)) == 1 else None
-    return _Table(names, views, uv, len(every) - len(views), times, "frames")
+    if wrong := [len(uv) for uv in pixels if len(uv) != n]:
+        raise ValueError(
+            f"{path}: has {wrong[0]} points a view, the target ({target}) has {n}: likely other columns "
+            "or rows"
+        )
+    u, v = np.concatenate(pixels).T
+    table = pd.DataFrame(
+        {
+            "camera": np.repeat(cameras, n),
+            "view": np.repeat(labels, n),
+            "point": np.tile(np.arange(n), len(rows)),
+            "u": u,
+            "v": v,
+        }
+    )
+    videos, frames = zip(*(label.rpartition("/")[::2] for label in labels), strict=True)
+    if len(set(videos)) > 1:  # frames of several videos have no common clock
+        return table
+    return table.assign(frame=np.repeat(np.array(frames, float), n))
 
 
 def _label(frame: Any) -> str:

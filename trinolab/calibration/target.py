@@ -20,7 +20,9 @@ from ..checks import Array, as_image, as_number, as_whole, frozen
 
 _FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-4)  # of the sub-pixel search: px
-KINDS = ("chessboard", "circles", "charuco")
+# of each kind of target what its columns and rows count
+COUNTED = {"chessboard": "inner corners", "circles": "circles", "charuco": "squares"}
+KINDS = tuple(COUNTED)
 _MOST_POINTS = 200  # along a side of a target
 _LEAST_PX = 3  # along a side of an image, for a point of the target
 _MARKER_SHARE = 0.75  # of a square's side, where nothing else is said
@@ -220,10 +222,7 @@ class Target:
         )
 
     def __str__(self) -> str:
-        counted = {"chessboard": "inner corners", "circles": "circles", "charuco": "squares"}[
-            self.kind
-        ]
-        return f"{self.kind}, {self.columns} x {self.rows} {counted}"
+        return f"{self.kind}, {self.columns} x {self.rows} {COUNTED[self.kind]}"
 
 
 class Look(NamedTuple):

@@ -18,7 +18,6 @@ from ..files.images import is_image, read_greys
 from ..files.recording import Footage, frames_of, open_footage
 from .target import Look, Sighting, Target, looks, sight_target
 
-MOST_KEPT = 5  # of a camera's images without the target
 # Images that are looked at first where there are three times as many: if none shows the target, an image
 # without it takes longest, and there is no use in looking at them all.
 FIRST = 12
@@ -45,8 +44,6 @@ class TargetViews(NamedTuple):
         Whether the camera has an image of the view.
     passed_over : int
         Views that were not looked at, because there were more than asked for.
-    without : tuple of list of ndarray
-        A few images of each camera in which the target was not found.
     inverted, mirrored : ndarray of bool, shape (cameras, views)
         Whether the target was found in light on dark, and as in a mirror, see `target.Look`.
     showing : tuple of ndarray
@@ -65,7 +62,6 @@ class TargetViews(NamedTuple):
     uv: Array
     present: np.ndarray
     passed_over: int
-    without: tuple[list[np.ndarray], ...]
     inverted: np.ndarray
     mirrored: np.ndarray
     showing: tuple[np.ndarray, ...] = ()
@@ -222,7 +218,6 @@ def _sighted(
     uv = np.full((*shape, len(target.points), 2), np.nan)
     present, inverted, mirrored = (np.zeros(shape, bool) for _ in range(3))
     sizes = list[tuple[int, int]]()
-    without: list[list[np.ndarray]] = [[] for _ in opened]
     showing = list[np.ndarray]()
     reported: set[str] = set()
     by_all = Counter[Look]()
@@ -250,8 +245,6 @@ def _sighted(
                     by_all[look] += 1
                     if len(showing) < MOST_SHOWING:
                         showing.append(grey)
-                elif len(without[k]) < MOST_KEPT:
-                    without[k].append(grey)
             if size is None:
                 raise ValueError(f"{source.footage.path}: no frame of camera {name} could be read")
             sizes.append(size)
@@ -262,7 +255,6 @@ def _sighted(
         frozen(uv),
         frozen(present),
         0,
-        tuple(without),
         frozen(inverted),
         frozen(mirrored),
         tuple(showing),

@@ -234,8 +234,7 @@ def register(state: State, here: Patches, rig: Rig, handle: Handle) -> tuple[Sta
     renewed = State(
         state.T_world_handle, after.greys, limited(state.blur_px2, np.array(blur)), noise
     )
-    kept = after._replace(rows=after.rows.copy())  # the next model takes the memory
-    registered = Registered(uv + step[:, :2], step[:, :2], covariance[:, :2, :2], kept)
+    registered = Registered(uv + step[:, :2], step[:, :2], covariance[:, :2, :2], after)
     # what is left of a long step is no gloss
     if registered.usual_shift_px < NEAR_PX and shows_gloss(after, handle):
         renewed = with_gloss(renewed)

@@ -43,7 +43,7 @@ def checked_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -
         return pose
     there = fit_pose(uv, displaced(rig, assessment.displacement), handle, p.max_slant_deg)
     T_there = there.T_world_handle
-    if T_there is None or apart(T_there, better.T_world_handle, APART_MM, APART_RAD):
+    if T_there is None or apart(T_there, fit.T_world_handle, APART_MM, APART_RAD):
         return LOST
     away = motion_between(pose.T_world_handle, better.T_world_handle)
     return replace(

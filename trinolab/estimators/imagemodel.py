@@ -16,7 +16,6 @@ elsewhere on another processor, which rounds in another order.
 
 from __future__ import annotations
 
-import threading
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +24,7 @@ from scipy.spatial.transform import RigidTransform
 from ..camera import Rig
 from ..checks import Array
 from ..handle import Handle
+from ..memory import room
 from .appearance import Windows, geometry_of
 from .patches import BORDER_PX, Patches
 from .rows import BLUR, EXPOSURE, GLOSS, GREYS, MARKER, MODEL, POSE, PREDICTED, RESIDUAL, WEIGHT
@@ -104,8 +104,7 @@ class Linear(NamedTuple):
     Attributes
     ----------
     rows : ndarray, shape (k, MODEL, p)
-        As `loops.linearise` fills them. The memory serves the next model of this thread: a model is
-        used up before the next one is made.
+        As `loops.linearise` fills them.
     greys : ndarray, shape (k, 6 or 9)
         Of the state, or estimated where it had none.
     unknowns : ndarray of int, shape (7,) or (13,)
@@ -186,7 +185,7 @@ def linearise(state: State, here: Patches, rig: Rig, handle: Handle) -> Linear:
     from . import loops
 
     k, p = here.grey.shape
-    rows = room("model", k, MODEL, p)
+    rows = room((k, MODEL, p))
     greys, known = greys_of(state, here)
     taps, reaches = _taps(state.blur_px2, here.at.shape[0])
     loops.linearise(
@@ -225,21 +224,6 @@ def tallied(rows: Array, greys: Array, unknowns: np.ndarray) -> Linear:
     sums = np.empty((len(rows), 4))
     loops.tally(rows, sums)
     return Linear(rows, greys, unknowns, sums)
-
-
-_kept = threading.local()
-
-
-def room(use: str, *shape: int) -> Array:
-    """Memory of a shape, the same for a use each time in a thread: fresh memory costs a page fault
-    each 4 kB.
-    """
-    size = int(np.prod(shape))
-    memory = getattr(_kept, use, None)
-    if memory is None or memory.size < size:
-        memory = np.empty(size + size // 2)
-        setattr(_kept, use, memory)
-    return np.asarray(memory[:size].reshape(shape))
 
 
 def _taps(blur_px2: Array, side: int) -> tuple[Array, np.ndarray]:
@@ -340,7 +324,7 @@ def noise_of(at: Linear, pixels: int, used: np.ndarray | None = None) -> Noise:
 
     k, _, p = at.rows.shape
     used = np.ones(k, bool) if used is None else used
-    dark, bright, beyond = room("residuals", 3, k * p)
+    dark, bright, beyond = room((3, k * p))
     darks, brights, beyonds, level, higher = loops.residuals_by_layer(
         at.rows, used, np.sqrt(pixels), dark, bright, beyond
     )

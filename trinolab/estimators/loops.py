@@ -222,49 +222,65 @@ def draw(x, y, R, start, by_u, by_v, marker, others, body, any_marker, layers):
 
 
 @_reordered
+def add_pairs(of, taps, start, apart, total):
+    """Add to `total` (m,) what symmetric taps (2 r + 1,) beside the middle one make of a flat array,
+    in which the middle one begins at `start` and each next one `apart` further. Two taps at a time:
+    what takes the time is to read and write `total`.
+    """
+    m = total.size
+    reach = taps.size // 2
+    for t in range(1, reach, 2):
+        near, far = taps[reach - t], taps[reach - t - 1]
+        a = of[start - t * apart : start - t * apart + m]
+        b = of[start + t * apart : start + t * apart + m]
+        c = of[start - (t + 1) * apart : start - (t + 1) * apart + m]
+        d = of[start + (t + 1) * apart : start + (t + 1) * apart + m]
+        for i in range(m):
+            total[i] += near * (a[i] + b[i]) + far * (c[i] + d[i])
+    if reach % 2:
+        last = taps[0]
+        a = of[start - reach * apart : start - reach * apart + m]
+        b = of[start + reach * apart : start + reach * apart + m]
+        for i in range(m):
+            total[i] += last * (a[i] + b[i])
+
+
+@_reordered
 def blur(stack, taps, norm, line, between, total, blurred):
     """Blur square windows (n, side, side) along both directions by symmetric taps (2 r + 1,).
 
     What taps lack at a border is made up for by the factors `norm` (side,). The windows lie side by
-    side with zeros between them, so that one loop goes over a row of all. `line` (n * width + 2 r,),
-    zero at first, `between` (side, n * width) and `total` (n * width,) are room, width being
-    side + 2 r.
+    side with zeros between them, so that one loop goes over a row of all. `line` (n * width + 2 r,)
+    and `between` (side + 2 r, n * width), zero at first, and `total` (n * width,) are room, width
+    being side + 2 r; all may be larger.
     """
     n, side, _ = stack.shape
     reach = taps.size // 2
     width = side + 2 * reach
     length = n * width
     middle = taps[reach]
+    before = (between.shape[0] - side) // 2  # rows that stay zero
+    flat = between.ravel()
     for v in range(side):
         for j in range(n):
             to = line[j * width + reach : j * width + reach + side]
             of = stack[j, v]
             for u in range(side):
                 to[u] = of[u]
-        to = between[v, :length]
+        to = between[before + v, :length]
         centre = line[reach : reach + length]
         for i in range(length):
             to[i] = middle * centre[i]
-        for t in range(reach):
-            left = line[t : t + length]
-            right = line[2 * reach - t : 2 * reach - t + length]
-            tap = taps[t]
-            for i in range(length):
-                to[i] += tap * (left[i] + right[i])
+        add_pairs(line, taps, reach, 1, to)
+    sums = total[:length]
     for v in range(side):
-        of = between[v, :length]
+        of = between[before + v, :length]
         for i in range(length):
-            total[i] = middle * of[i]
-        for t in range(1, reach + 1):
-            tap = taps[reach - t]
-            for w in (v - t, v + t):
-                if 0 <= w < side:
-                    of = between[w, :length]
-                    for i in range(length):
-                        total[i] += tap * of[i]
+            sums[i] = middle * of[i]
+        add_pairs(flat, taps, (before + v) * between.shape[1], between.shape[1], sums)
         for j in range(n):
             to = blurred[j, v]
-            of = total[j * width : j * width + side]
+            of = sums[j * width : j * width + side]
             for u in range(side):
                 to[u] = of[u] * (norm[v] * norm[u])
 
@@ -439,7 +455,7 @@ def linearise(xy, R, start, by_u, by_v, marker, others, body, side, taps, reache
     norm = np.empty(side)
     widest = 8 * (side + taps.shape[1])
     line = np.empty(widest + taps.shape[1])
-    between = np.empty((side, widest))
+    between = np.zeros((side + taps.shape[1], widest))
     total = np.empty(widest)
     for k in range(count):
         reach = reaches[camera[k]]
@@ -600,13 +616,16 @@ def solve(A, b, n):
 @_reordered
 def weighted_products(model, weight, rows, products):
     """The weighted products (n, n) of some rows (n,) of a model with each other."""
+    weighted = np.empty(weight.size)
     for a in range(rows.size):
         one = model[rows[a]]
+        for i in range(weight.size):
+            weighted[i] = weight[i] * one[i]
         for b in range(a + 1):
             other = model[rows[b]]
             total = 0.0
             for i in range(weight.size):
-                total += weight[i] * one[i] * other[i]
+                total += weighted[i] * other[i]
             products[a, b] = total
             products[b, a] = total
 

@@ -28,8 +28,8 @@ def linearise_moving(state: State, here: Patches, rig: Rig, handle: Handle) -> L
     assert state.motion_blur is not None
     k, p = here.grey.shape
     cells = here.drawn.xy.shape[2]
-    layers = room("layers", k, LAYERS, cells)
-    lights = room("lights", k, 8, cells)
+    layers = room((k, LAYERS, cells))
+    lights = room((k, 8, cells))
     geometry = geometry_of(rig, handle, state.T_world_handle, here.views, here.drawn)
     # neighbours are smeared into each other
     loops.draw_all(here.drawn.xy, *geometry, True, layers, lights)
@@ -40,7 +40,7 @@ def linearise_moving(state: State, here: Patches, rig: Rig, handle: Handle) -> L
     reach = np.abs(ways).max(initial=0.0) / 2 / min(here.at.cell)
     clear = middle(layers[:, CLEARANCE].reshape(k, 1, *here.drawn.shape), here)[:, 0]
     usable = (here.valid & (clear > CLEAR_PX + reach)).astype(float)
-    rows = room("model", k, MODEL, p)
+    rows = room((k, MODEL, p))
     greys, known = greys_of(state, here)
     cell = np.array(here.at.cell, dtype=float)
     noise = np.array(state.noise)
@@ -48,8 +48,8 @@ def linearise_moving(state: State, here: Patches, rig: Rig, handle: Handle) -> L
     loops.explain_all(
         seen, here.grey, usable, greys, known, noise, pixels, here.at.shape, cell, rows
     )
-    moves = room("moves", k, 6, cells)
-    grey = room("grey", k, 1, cells)
+    moves = room((k, 6, cells))
+    grey = room((k, 1, cells))
     loops.move_all(layers, greys, moves, grey[:, 0])
     rows[:, POSE : POSE + 6] = smeared(moves, mean, here)
     spectrum = scipy.fft.rfft2(grey.reshape(k, *here.drawn.shape))
@@ -62,8 +62,6 @@ def linearise_moving(state: State, here: Patches, rig: Rig, handle: Handle) -> L
 def kernels_of(ways: Array, blur_px2: Array, at: Windows) -> tuple[Array, Array, Array]:
     """Spectra (k, rows, columns // 2 + 1) of the kernels that smear windows by ways (k, 2), px, and
     blur them by variances (k,), and their derivatives by the ways along u and v.
-
-    The memory serves the next kernels of this thread.
     """
     from . import loops
 
@@ -71,7 +69,7 @@ def kernels_of(ways: Array, blur_px2: Array, at: Windows) -> tuple[Array, Array,
     f_u = np.fft.rfftfreq(columns, at.cell[0])
     f_v = np.fft.fftfreq(rows, at.cell[1])
     spread = -2 * np.pi**2 * blur_px2[:, None]
-    kernels = room("kernels", 3, len(ways), rows, len(f_u))
+    kernels = room((3, len(ways), rows, len(f_u)))
     loops.smear_kernels(f_u, f_v, ways, np.exp(spread * f_u**2), np.exp(spread * f_v**2), *kernels)
     mean, by_u, by_v = kernels
     return mean, by_u, by_v

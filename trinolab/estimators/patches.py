@@ -13,6 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from ..camera import Rig, image_of
 from ..checks import Array
 from ..handle import Handle, angles_to
+from ..identity.layout import views_of
 from ..rigid import rotation_of, shifted
 from ..sensitivity import motion_slopes
 from .appearance import Views, Windows, windows
@@ -158,13 +159,11 @@ def _seen(rig: Rig, handle: Handle, T_world_handle: RigidTransform) -> Seen:
     """The markers of a pose in all cameras, whatever hides them."""
     centres = T_world_handle.apply(handle.marker_centres)
     normals = handle.marker_normals @ rotation_of(T_world_handle).T
-    uv, slant, px_per_mm = [], [], []
-    for camera in rig.cameras:
-        uv.append(image_of(camera, centres))
-        slant.append(angles_to(centres, normals, camera.centre))
-        depth = camera.T_cam_world.apply(centres)[:, 2]
-        px_per_mm.append(camera.focal.mean() / depth)
-    return Seen(np.stack(uv), np.stack(slant), np.stack(px_per_mm))
+    uv = np.stack([image_of(camera, centres) for camera in rig.cameras])
+    views = views_of(rig)
+    depth = centres @ views.rotations[:, 2].T + views.translations[:, 2]  # (n, cameras)
+    px_per_mm = views.focal.mean(axis=1)[:, None] / depth.T
+    return Seen(uv, angles_to(centres, normals, views.centres[:, None]), px_per_mm)
 
 
 def cut(

@@ -24,6 +24,7 @@ from ..rigid import placed, rotation_matrix, rotation_of
 from ..sensitivity import Response, slopes_at
 from ..uncertainty.assessment import Assessment, LinearFit
 from ..uncertainty.centroids import pulled_alike
+from ..work import Work
 from .appearance import Views
 from .imagemodel import (
     LEAST_GAIN,
@@ -61,7 +62,7 @@ SETTLED_SIGMAS = 1.0
 NEXT_SIGMAS = 0.4
 
 # A pose is lost if it is a false one with a larger probability, see `uncertainty.Assessment.wrong`.
-MOST_WRONG = 0.1
+MOST_WRONG = 0.25
 LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
 BLUR_FLOOR = 0.001  # and this share of the way that it moves while the shutter is open
 
@@ -73,6 +74,9 @@ class Round(NamedTuple):
     steps: int
 
 
+# work of a step for a cell, in units of `work.Work`
+MOVING_CELL = 1e-3
+STILL_CELL = 0.7e-3
 # of a handle that moves: from a start that is some pixels off, and to the end
 COARSE = Round(5_000, 3)
 FINE = Round(18_000, 5)
@@ -158,6 +162,7 @@ def fit_patches(
     motion_blur: tuple[Array, Array] | None = None,
     smear_above: float = np.inf,
     is_far: bool = False,
+    work: Work | None = None,
 ) -> Fit | None:
     """Improve a pose by the pixels about all markers that it shows.
 
@@ -179,17 +184,21 @@ def fit_patches(
         none.
     is_far : bool
         Whether the start of a handle that moves may be several pixels off: coarse cells come first.
+    work : Work, optional
+        Steps are taken as long as it is left; without it there is no limit.
 
     Returns
     -------
     Fit or None
-        None if too little is in view to fix a pose, or the steps lead away.
+        None if too little is in view to fix a pose, the steps lead away, or there is no work left for
+        one.
     """
+    work = work or Work()
     if motion_blur is not None:
         rounds = (COARSE, FINE) if is_far else (FINE,)
-        return _moving_fit(images, rig, handle, start, max_slant_deg, motion_blur, rounds)
+        return _moving_fit(images, rig, handle, start, max_slant_deg, motion_blur, rounds, work)
     windows = patches(images, rig, handle, start, max_slant_deg)
-    taken = _fitted(first_state(start, rig), windows, rig, handle, MOST_STEPS)
+    taken = _fitted(first_state(start, rig), windows, rig, handle, MOST_STEPS, work)
     if taken is None:
         return None
     return _fit_of(_concluded(taken, windows, rig), taken.after, rig, handle, smear_above)
@@ -215,6 +224,7 @@ def _moving_fit(
     max_slant_deg: float,
     motion_blur: tuple[Array, Array],
     rounds: Sequence[Round],
+    work: Work,
 ) -> Fit | None:
     """The fit of a handle that moves while the shutter is open, in rounds: the windows of each lie
     where the one before has the markers.
@@ -225,13 +235,13 @@ def _moving_fit(
     *first, last = rounds
     for most in first:
         windows = _moving_windows(images, state, max_slant_deg, rig, handle, most)
-        taken = _stepped(state, windows, rig, handle, most.steps)
+        taken = _stepped(state, windows, rig, handle, most.steps, work)
         if taken is None:
             return None
         # greys are those of other windows
         state = taken.after._replace(greys=None)
     windows = _moving_windows(images, state, max_slant_deg, rig, handle, last)
-    taken = _fitted(state, windows, rig, handle, last.steps)
+    taken = _fitted(state, windows, rig, handle, last.steps, work)
     if taken is None:
         return None
     return _fit_of(_concluded(taken, windows, rig), taken.after, rig, handle)
@@ -253,10 +263,10 @@ def _moving_windows(
 
 
 def _fitted(
-    state: State, windows: Patches, rig: Rig, handle: Handle, most_steps: int
+    state: State, windows: Patches, rig: Rig, handle: Handle, most_steps: int, work: Work
 ) -> _Taken | None:
-    """As `_stepped`, once more with gloss where the windows show it."""
-    taken = _stepped(state, windows, rig, handle, most_steps)
+    """As `_stepped`, once more with gloss where the windows show it and the work is left."""
+    taken = _stepped(state, windows, rig, handle, most_steps, work)
     if taken is None:
         return None
     least_gain = LEAST_GAIN
@@ -266,30 +276,35 @@ def _fitted(
         if not taken.settled or smear_px > SMEARED_PX:
             return taken
         least_gain = LEAST_GAIN_MOVING
-    if not shows_gloss(taken.model, handle, least_gain):
+    if work.left < 2 * _units(state, windows) or not shows_gloss(taken.model, handle, least_gain):
         return taken
-    return _stepped(with_gloss(taken.after), windows, rig, handle, most_steps)
+    return _stepped(with_gloss(taken.after), windows, rig, handle, most_steps, work)
+
+
+def _units(state: State, windows: Patches) -> float:
+    """The work of a step."""
+    return windows.drawn.xy[0].size * (STILL_CELL if state.motion_blur is None else MOVING_CELL)
 
 
 def _stepped(
-    state: State, windows: Patches, rig: Rig, handle: Handle, most_steps: int
+    state: State, windows: Patches, rig: Rig, handle: Handle, most_steps: int, work: Work
 ) -> _Taken | None:
-    """The last of so many steps, or of as many as are worth it; None if too little is in view, or
-    the steps lead away.
+    """The last of so many steps, or of as many as are worth it and the work is left for; None if
+    that is none, too little is in view, or the steps lead away.
     """
     if len(np.unique(windows.views.marker)) < 3:
         return None
-    taken = _improved(state, windows, rig, handle)
+    taken = None
     settled = False
-    for _ in range(most_steps - 1):
+    for _ in range(most_steps):
+        if settled or not work.takes(_units(state, windows)):
+            break
+        before = taken
+        taken = _improved(state if before is None else before.after, windows, rig, handle)
         if _leads_away(taken):
             return None
-        before = taken
-        taken = _improved(before.after, windows, rig, handle)
-        settled = _has_settled(taken, before, windows, handle)
-        if settled:
-            break
-    return None if _leads_away(taken) else taken._replace(settled=settled)
+        settled = before is not None and _has_settled(taken, before, windows, handle)
+    return taken and taken._replace(settled=settled)
 
 
 def _leads_away(taken: _Taken) -> bool:

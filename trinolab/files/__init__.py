@@ -1,3 +1,1 @@
-"""Files that are read and written: images, rigs, handles, poses, recordings, videos, cameras, and
-unfinished work.
-"""
+"""Files that are read and written: images, rigs, handles, poses, recordings, and unfinished work."""

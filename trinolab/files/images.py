@@ -17,7 +17,6 @@ import cv2
 import numpy as np
 
 from . import limits
-from .imageheader import stated
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
 NO_IMAGE = "cannot be read as an image of 8 or 16 bit"
@@ -82,7 +81,7 @@ def read_greys(
     ------
     ValueError
         Names the file: unreadable, no image of 8 or 16 bit, another size, or more pixels than
-        `limits.PIXELS`; the last two before it is decoded.
+        `limits.PIXELS`; the last before it is decoded.
     """
     return said_once(((path, _read(path, size)) for path in paths), said)
 
@@ -110,26 +109,29 @@ def _read(path: Path, size: tuple[int, int] | None) -> Grey:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
     if data.startswith(b"\x89PNG") and b"IEND" not in data[-12:]:
         raise ValueError(f"{path}: cannot be read as an image (its end is missing)")
-    check_stated(data, size, path)
-    image, complaint = decoded(data)
+    image, complaint = decoded(data, path)
     if image is None or image.dtype not in (np.uint8, np.uint16):
         raise ValueError(f"{path}: {NO_IMAGE}")
+    limits.check_pixels(path, image.shape[1], image.shape[0])
     check_size(image.shape, size, path)
     if complaint:
         log.info("%s: may be damaged (%s)", path, complaint)
     return as_grey(image)
 
 
-def decoded(data: bytes) -> tuple[np.ndarray | None, str]:
-    """The image, None if there is none, and the first line of what its decoder has to say about
-    it.
+def decoded(data: bytes, path: str | Path) -> tuple[np.ndarray | None, str]:
+    """The image, None if there is none, and the first line of what its decoder has to say about it.
+    Raises a ValueError that names the file if it has more pixels than are taken.
     """
     with unheard() as complaints:
         try:
             image = (
                 cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
             )
-        except cv2.error:  # more pixels than OpenCV takes
+        except cv2.error as error:
+            if "MAX_IMAGE" in str(error):
+                most = f"{limits.PIXELS / 1e6:.0f} million pixels"
+                raise ValueError(f"{path}: expected at most {most}, got more") from None
             image = None
         complaints.seek(0)
         lines = complaints.read(COMPLAINTS).splitlines(keepends=True)
@@ -137,19 +139,6 @@ def decoded(data: bytes) -> tuple[np.ndarray | None, str]:
     # of other threads; a decoder's remark may end with an empty line
     os.write(2, b"".join(line for line in lines if line.strip() and line not in own))
     return image, own[0][:200].decode(errors="replace").rstrip() if own else ""
-
-
-def check_stated(data: bytes, size: tuple[int, int] | None, path: str | Path) -> None:
-    """Raise a ValueError that names the file if its header states no size, more pixels than are
-    taken, or another size (width, height) than the rig.
-    """
-    header = stated(data)
-    if header is None:
-        raise ValueError(f"{path}: {NO_IMAGE}")
-    check_size((header.height, header.width), size, path)
-    limits.check_pixels(path, header.width, header.height)
-    if header.held > limits.PIXELS:
-        raise ValueError(f"{path}: {NO_IMAGE} (a tile of {header.held:,} pixels)")
 
 
 def check_size(shape: tuple[int, ...], size: tuple[int, int] | None, path: str | Path) -> None:

@@ -4,14 +4,14 @@ adds to it.
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
-import subprocess
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import takewhile
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 from . import limits
 from .outputs import check_target, resolved
@@ -22,26 +22,13 @@ except ImportError:  # a system without such locks
     fcntl = None  # type: ignore[assignment]
 
 
-# Waits for the end of its input. That is a byte if all is well; without one the process that should have
-# written it is gone.
-_CLEANER = """
-import os, shutil, sys
-if not sys.stdin.buffer.read(1):
-    for path in sys.argv[1:]:
-        if os.path.isdir(path):
-            shutil.rmtree(path, ignore_errors=True)
-        elif os.path.lexists(path):
-            os.unlink(path)
-"""
-
-
 @contextmanager
-def locked(path: Path, wait: bool = False) -> Iterator[int | None]:
+def locked(path: Path, wait: bool = False) -> Iterator[None]:
     """Keep a folder, or a file, which is made if it is not there, for this process alone while the
     block runs.
 
     The system frees it when the process ends, however that happens. Where there are no such locks
-    nobody is kept out. Yields the descriptor that holds the lock, None where there is none.
+    nobody is kept out.
 
     Parameters
     ----------
@@ -55,7 +42,7 @@ def locked(path: Path, wait: bool = False) -> Iterator[int | None]:
         Names the path: another process works on it, or it cannot be opened.
     """
     if fcntl is None:
-        yield None
+        yield
         return
     with ExitStack() as opened:
         while True:
@@ -64,67 +51,22 @@ def locked(path: Path, wait: bool = False) -> Iterator[int | None]:
             _lock(lock, path, wait)
             if _is_still(path, lock):
                 break
-        yield lock
+        yield
 
 
 @contextmanager
-def removed_if_killed(lock: int | None, *paths: Path) -> Iterator[None]:
-    """Have files and folders removed if this process is killed (SIGKILL) while the block runs.
-
-    A process that is killed cannot clean up, and no system makes a folder that vanishes with it. A second
-    small process does it, one that waits for the end of this one. It shares the lock: nobody begins anew
-    while it removes. It is itself in a session of its own, out of reach of the terminal. What a power
-    failure leaves, or the end of both, is there until the same command runs again; and so it is without
-    locks, as on Windows.
-
-    Parameters
-    ----------
-    lock : int or None
-        What `locked` yields.
-    *paths : Path
-        Absolute, in the order in which they are removed.
-    """
-    if lock is None or not sys.executable:
-        yield
-        return
-    try:
-        cleaner = subprocess.Popen(
-            [sys.executable, "-I", "-S", "-c", _CLEANER, *map(str, paths)],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-            pass_fds=(lock,),
-            cwd="/",
-        )
-    except OSError:  # no process more: the block runs all the same
-        yield
-        return
-    try:
-        yield
-    finally:
-        with suppress(OSError):  # the cleaner itself was killed
-            cleaner.communicate(b"1")
-
-
-@contextmanager
-def sole_writer(
-    target: str | Path, name: str | Path | None = None, staged: Path | None = None
-) -> Iterator[None]:
+def sole_writer(target: str | Path, name: str | Path | None = None) -> Iterator[None]:
     """Keep a file or a folder that is going to be written for this process alone while the block
     runs.
 
-    The lock is a hidden file beside it, ``.NAME.lock``. It goes when the block ends, and when the process
-    is killed, see `removed_if_killed`; one that a power failure left is taken over.
+    The lock is a hidden file beside it, ``.NAME.lock``, which goes when the block ends. One that a
+    killed process has left is nobody's: the next one takes it over.
 
     Parameters
     ----------
     target : path
     name : path, optional
         What an error calls it.
-    staged : Path, optional
-        A folder or a file, absolute, that holds what is unfinished: goes as the lock does if the process
-        is killed.
 
     Raises
     ------
@@ -135,11 +77,9 @@ def sole_writer(
     lock = place.with_name(f".{place.name}.lock")
     with ExitStack() as held:
         try:
-            descriptor = held.enter_context(locked(lock))
+            held.enter_context(locked(lock))
         except ValueError as error:
             raise ValueError(str(error).replace(str(lock), str(name or target), 1)) from None
-        unfinished = [] if staged is None else [staged]
-        held.enter_context(removed_if_killed(descriptor, *unfinished, lock))
         try:
             yield
         finally:
@@ -249,6 +189,25 @@ class KeptLines:
                 text = text[self._file.write(text) :]
         except OSError as error:
             raise ValueError(f"{self.path}: cannot be written ({error.strerror})") from None
+
+
+def fingerprint(
+    files: Sequence[str | Path], sources: Mapping[str, str | Path], *options: Any
+) -> str:
+    """Hash that tells one work on footage from another: by the contents of its files, its footage as
+    it lies there, its options.
+    """
+    contents = [hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in files]
+    where = {name: [str(Path(path).resolve()), stamp(Path(path))] for name, path in sources.items()}
+    return hashlib.sha256(
+        json.dumps([contents, where, [str(o) for o in options]]).encode()
+    ).hexdigest()[:16]
+
+
+def stamp(path: Path) -> list[tuple[str, int, int]]:
+    """Names, sizes and times of a video, or of a folder's images."""
+    files = sorted(path.iterdir()) if path.is_dir() else [path]
+    return [(file.name, (about := file.stat()).st_size, about.st_mtime_ns) for file in files]
 
 
 def _opened(path: Path) -> int:

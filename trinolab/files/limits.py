@@ -4,6 +4,10 @@ Files come from others, and a short one may ask for any amount of memory or time
 states a huge image, by names within names, by what it is compressed to. Each reader asks here before it
 takes what a file holds. The numbers are far beyond what a bench of cameras needs, and a file that
 keeps to them takes about a second to read.
+
+An image is refused by OpenCV, whose decoders read its header: `trinolab` sets
+``OPENCV_IO_MAX_IMAGE_PIXELS``, unless it is set already, before it loads OpenCV. Where OpenCV was loaded
+before `trinolab`, its own limit of a thousand million pixels holds until the image is decoded.
 """
 
 from __future__ import annotations
@@ -100,7 +104,7 @@ def check_count(count: int, most: int, what: str) -> None:
 
 
 def check_pixels(path: str | Path, width: int, height: int) -> None:
-    """Refuse an image that is larger than is taken, before it is decoded."""
+    """Refuse an image, or a video's frames, that are larger than is taken."""
     if width * height > PIXELS:
         raise ValueError(
             f"{path}: {width} x {height} pixels, expected at most {PIXELS / 1e6:.0f} million"

@@ -301,33 +301,6 @@ def open_folder(
     return recording, the_handle
 
 
-class Parts(NamedTuple):
-    """What a recording folder has beside rig and handle: for each camera's name its footage, and its
-    timestamps if there are any.
-    """
-
-    sources: dict[str, Path]
-    timestamps: Path | None
-
-
-def parts_of_folder(
-    folder: str | Path,
-    rig: Rig | str | Path | None = None,
-    handle: Handle | str | Path | None = None,
-    timestamps: str | Path | None = None,
-) -> Parts:
-    """The other files of a recording folder, found to go with its rig and handle; parameters and errors
-    as for `open_folder`.
-    """
-    recording, _ = open_folder(folder, rig, handle)
-    times_file = None if recording.times_s is None else recording.times_from
-    times = timestamps or times_file
-    return Parts(
-        {name: one.path for name, one in zip(recording.rig.names, recording.footage, strict=True)},
-        None if times is None else Path(times),
-    )
-
-
 def _existing(folder: str | Path) -> Path:
     """A recording folder. Raises ValueError if there is none, or something else."""
     root = Path(folder)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
 import cv2
@@ -16,27 +17,32 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from ..blobs import RING_PX
-from ..camera import Camera, Rig, displaced
+from ..camera import Camera, Rig
 from ..checks import Array, frozen
+from ..datasets import load_handle, load_rig, load_table1
 from ..default_covariance import known_covariance
 from ..estimators import estimate
 from ..estimators.identified import Identified
 from ..estimators.pixels import Fit, fit_patches, judged
+from ..estimators.pixels import prepare as prepare_fit
 from ..handle import Handle
 from ..identity import labelled_pixels
-from ..identity.hypotheses import FAR, Observed, Poses, explain, fit, ideal_pixels, predict
+from ..identity.hypotheses import FAR, Observed, Poses, explain, ideal_pixels, predict
 from ..identity.layout import layout_of, views_of
 from ..identity.reconcile import reconciled
 from ..markers import Markers, markers_at
 from ..methods import BEST
 from ..pose import LOST, Pose, fit_pose
-from ..rigid import apart, motion_between, placed, shifted
+from ..rigid import apart, motion_between, placed, rotation_of, shifted
 from ..sensitivity import NOTHING, offsets_at
 from ..uncertainty.assessment import Assessment, RigInformation, assessed
 from ..window import Window
+from ..work import Work
 from .parameters import FollowParameters
-from .posefilter import Motion, is_new, update
+from .posefilter import Motion, begin, is_new, update
 
+# work of a guess without the steps of its fits, in units of `work.Work`
+GUESS_UNITS = 25.0
 # of a pose that smeared markers agree on, mm and rad: seen by two cameras they tell little of the turn
 AGREED_COVARIANCE = np.diag(np.repeat([0.5, 0.1], 3) ** 2)
 
@@ -69,14 +75,11 @@ class Guess(NamedTuple):
         Where that has the markers, one a camera.
     blurred : bool
         Whether the handle is fitted as one that moves while the shutter is open.
-    min_cameras : int
-        How many cameras must show it.
     """
 
     motion: Motion
     expected: list[Expected]
     blurred: bool = False
-    min_cameras: int = 1
 
 
 class Sight(NamedTuple):
@@ -123,8 +126,6 @@ class Followed(NamedTuple):
         What the cameras show there.
     rig : RigState
         As this instant leaves it.
-    fits : int
-        How often the image model was fitted: what takes the time.
     smear_px : float
         How long the markers are smeared by the handle's motion; NaN where it was not asked.
     """
@@ -134,19 +135,31 @@ class Followed(NamedTuple):
     labels: tuple[np.ndarray, ...]
     sights: tuple[Sight, ...]
     rig: RigState
-    fits: int
     smear_px: float
+
+
+@cache
+def prepare() -> None:
+    """Load the compiled loops, or compile them where that was never done: by looking for the handle
+    of a shipped rig in dark images, once in a process.
+    """
+    p = FollowParameters()
+    rig, handle = load_rig("paper_pair"), load_handle("coded")
+    dark = [np.zeros(camera.size[::-1], np.uint8) for camera in rig.cameras]
+    motion = begin(0.0, load_table1().set_poses[0], np.eye(6), p.motion)
+    follow(dark, Guess(motion, expect(rig, handle, motion, p)), rig, handle, p)
+    prepare_fit()
 
 
 def expect(rig: Rig, handle: Handle, motion: Motion, p: FollowParameters) -> list[Expected]:
     """Where a motion predicts the markers, one a camera."""
     views = views_of(rig)
     layout = layout_of(handle, p.identity)
-    predicted = predict(_batch(motion.pose), views, layout)
-    ahead = predict(_batch(shifted(motion.pose, p.exposure_s * motion.rates[:6])), views, layout)
-    blur = np.linalg.norm(ahead.uv - predicted.uv, axis=2)[0].max(axis=1)
+    ahead = shifted(motion.pose, p.exposure_s * motion.rates[:6])
+    predicted = predict(_batch(motion.pose, ahead), views, layout)
+    blur = np.linalg.norm(predicted.uv[1] - predicted.uv[0], axis=1).max(axis=1)
     facing = predicted.facing[0] > np.cos(np.deg2rad(p.expected_slant_deg))
-    uv = np.where(facing[..., None], views.as_taken(predicted.uv)[0].transpose(0, 2, 1), np.nan)
+    uv = np.where(facing[..., None], views.as_taken(predicted.uv[:1])[0].transpose(0, 2, 1), np.nan)
     depths = np.maximum(predicted.points[0, :, 2].mean(axis=1), 1.0)
     sizes = handle.marker_diameter_mm * views.focal.max(axis=1) / depths
     return [Expected(*one) for one in zip(uv, sizes.tolist(), blur.tolist(), strict=True)]
@@ -191,9 +204,9 @@ def _look(
     return Sight(window, markers + corner)
 
 
-def _batch(T: RigidTransform) -> Poses:
-    matrix = T.as_matrix()
-    return Poses(matrix[None, :3, :3], matrix[None, :3, 3])
+def _batch(*poses: RigidTransform) -> Poses:
+    matrices = np.stack([pose.as_matrix() for pose in poses])
+    return Poses(matrices[:, :3, :3], matrices[:, :3, 3])
 
 
 def follow(
@@ -203,6 +216,7 @@ def follow(
     handle: Handle,
     p: FollowParameters,
     before: RigState | None = None,
+    work: Work | None = None,
 ) -> Followed:
     """Look for the markers where a guess has them, and measure the pose from those that are there.
 
@@ -211,13 +225,15 @@ def follow(
     shows some, it is the image model of a handle that moves while the shutter is open: centroids
     are worth less than that when limb and neighbours are blurred together.
 
-    `before` is the rig as the instants before have it.
+    `before` is the rig as the instants before have it. Of `work` fits take no more than is left.
     """
+    work = work or Work()
+    work.left -= GUESS_UNITS
     state = before or RigState(rig)
     sights = look(images, guess.expected, state.near, handle, p)
     pixels = tuple(sight.found[:, :2] for sight in sights)
     T, labels = _agreed(pixels, state.near, handle, guess.motion.pose, p)
-    followed = Followed(guess, LOST, labels, sights, state, 0, np.nan)
+    followed = Followed(guess, LOST, labels, sights, state, np.nan)
     if T is None and not _enough_markers(sights, p):
         return followed  # it is elsewhere
     instant = None
@@ -230,9 +246,9 @@ def follow(
             followed = followed._replace(rig=RigState(near))
         instant = Identified(images, uv, T, followed.rig.near, _expected_blur(guess.motion, p))
     if not moves:
-        followed = _fitted_still(followed, images, instant, rig, handle, p)
+        followed = _fitted_still(followed, images, instant, rig, handle, p, work)
         moves = followed.smear_px > p.blurred_px
-    return _fitted_moving(followed, images, instant, rig, handle, p) if moves else followed
+    return _fitted_moving(followed, images, instant, rig, handle, p, work) if moves else followed
 
 
 def _may_move(guess: Guess, p: FollowParameters) -> bool:
@@ -247,6 +263,7 @@ def _fitted_still(
     rig: Rig,
     handle: Handle,
     p: FollowParameters,
+    work: Work,
 ) -> Followed:
     """What was followed with the pose of a handle that is still, if it is; `instant` is what the
     markers agree on.
@@ -259,11 +276,12 @@ def _fitted_still(
     smear_above = p.still_misfit if may_move else np.inf
 
     def fit_at(near: Rig, start: RigidTransform) -> Fit | None:
-        return fit_patches(images, near, handle, start, p.max_slant_deg, smear_above=smear_above)
+        return fit_patches(
+            images, near, handle, start, p.max_slant_deg, smear_above=smear_above, work=work
+        )
 
     start = guess.motion.pose if instant is None else instant.T_world_handle
     fit = fit_at(followed.rig.near, start)
-    followed = followed._replace(fits=1)
     if may_move and not _still(fit, p):
         # where hardly a marker fits its smear is not known, and may be long
         smear_px = np.inf if fit is None or fit.shown.sum() < 4 else fit.smear_px
@@ -278,6 +296,7 @@ def _fitted_moving(
     rig: Rig,
     handle: Handle,
     p: FollowParameters,
+    work: Work,
 ) -> Followed:
     """What was followed with the pose of a handle that moves while the shutter is open: fitted from
     the pose that the markers agree on, which tells of the velocity as well; else from where the images
@@ -294,12 +313,12 @@ def _fitted_moving(
 
     def fit_at(near: Rig, start: RigidTransform, is_far: bool = False) -> Fit | None:
         return fit_patches(
-            images, near, handle, start, p.max_slant_deg, motion_blur=blur, is_far=is_far
+            images, near, handle, start, p.max_slant_deg, motion_blur=blur, is_far=is_far, work=work
         )
 
     fit = fit_at(near, start, is_far=instant is None)
     smear_px = np.nan if fit is None else fit.smear_px
-    followed = followed._replace(fits=followed.fits + 1, smear_px=smear_px)
+    followed = followed._replace(smear_px=smear_px)
     return _assessed(followed, fit, fit_at, rig, handle, p)
 
 
@@ -315,13 +334,13 @@ def _assessed(
     if fit is None:
         return followed
     state = followed.rig
-    fit, found = assessed(fit, fit_at, rig, handle, state.near, state.earlier)
+    fit, found, near = assessed(fit, fit_at, rig, handle, state.near, state.earlier)
     pose = _judged(fit, found, rig, p)
     if pose is not LOST and found.information is not None:
         earlier = found.information
         if state.earlier is not None:
             earlier = state.earlier.then(earlier)
-        state = RigState(displaced(rig, found.displacement), earlier)
+        state = RigState(near, earlier)
     return followed._replace(pose=pose, rig=state)
 
 
@@ -423,17 +442,27 @@ def _agreed(
     pixels: Sequence[Array], rig: Rig, handle: Handle, start: RigidTransform, p: FollowParameters
 ) -> tuple[RigidTransform | None, tuple[np.ndarray, ...]]:
     """The pose that most of the markers agree with, and those that do."""
+    from . import pose_loop  # only here: a browser has no Numba
+
     uv = ideal_pixels(rig, pixels)
     offsets = offsets_at(rig, start.translation)
-    observed = Observed(views_of(rig), layout_of(handle, p.identity), uv, offsets=offsets)
-    markers = np.arange(uv.shape[2])
-    poses = _batch(start)
-    labels = np.where(uv[:, 0] < FAR, markers, -1)[None]
+    views = views_of(rig)
+    layout = layout_of(handle, p.identity)
+    observed = Observed(views, layout, uv, offsets=offsets)
     # A wide gate first, as wide as the search for an unknown pose begins with, then a narrow one.
-    for gate, steps in ((4.0, 2), (1.5, 1)):
-        poses = fit(poses, labels, observed, p.identity, steps)
-        explained = explain(poses, observed, gate * p.identity.gate_px, p.identity)
-        labels = np.where(explained.labels == markers, explained.labels, -1)
+    gates_px = np.array([4.0, 1.5]) * p.identity.gate_px
+    R, t = pose_loop.approach(
+        rotation_of(start).copy(),
+        start.translation,
+        (views.rotations, views.translations, views.focal, views.principal),
+        (layout.centres, layout.normals, layout.tangents, layout.slants, layout.shift),
+        np.array([np.cos(np.deg2rad(p.identity.steep_deg)), layout.limb, gates_px[0]]),
+        uv,
+        uv[:, 0] < FAR,
+    )
+    poses = Poses(R[None], t[None])
+    explained = explain(poses, observed, gates_px[1], p.identity)
+    labels = np.where(explained.labels == np.arange(uv.shape[2]), explained.labels, -1)
     count = int((labels >= 0).sum())
     freedom = max(2 * count - 6 - int(explained.spared[0]), 1)
     residual = np.sqrt(np.where(labels >= 0, explained.squares, 0.0).sum() / freedom)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 
 from ..checks import as_number, as_whole
+from ..identity.search import SINGLE_UNITS
 from ..methods import PAPER
 from ..parameters import Parameters
 from .posefilter import PoseFilterParameters
@@ -40,6 +41,9 @@ _ANGLES_DEG = (
     "gate_alike_deg",
 )
 
+# of an instant, of which half is for the search: enough for one camera's triplet
+LEAST_WORK = 2 * SINGLE_UNITS
+
 
 @dataclass(frozen=True)
 class FollowParameters(Parameters):
@@ -74,9 +78,9 @@ class FollowParameters(Parameters):
         Found markers in all cameras from which on pixels are fitted.
     min_shown_share : float
         Share of the expected markers that a camera must show for the image model to count it.
-    most_fits : int
-        Fits of the image model in one instant. They take nearly all of its time; what they do not
-        find is looked for in the next one.
+    most_work : float
+        Units of `work.Work` that one instant takes at most. A fit that they do not suffice for ends
+        with its pose so far, a search goes on in the next instant.
     search_px : float
         Largest shift of the handle's image that is looked for where the handle is not in its place.
     search_step_px : int
@@ -112,7 +116,7 @@ class FollowParameters(Parameters):
     agreed_deg: float = 2.5
     min_found: int = 3
     min_shown_share: float = 0.55
-    most_fits: int = 2
+    most_work: float = 240.0
     search_px: float = 60.0
     search_step_px: int = 3
     min_response: float = 2.0
@@ -136,7 +140,7 @@ class FollowParameters(Parameters):
             as_number(getattr(self, name), name, low=0.0, high=180.0)
         as_number(self.min_shown_share, "min_shown_share", low=0.0, high=1.0)
         as_whole(self.min_found, "min_found", low=1)
-        as_whole(self.most_fits, "most_fits", low=1)
+        as_number(self.most_work, "most_work", low=LEAST_WORK)
         as_whole(self.search_step_px, "search_step_px", low=1)
 
     @property

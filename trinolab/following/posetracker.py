@@ -18,19 +18,17 @@ from scipy.spatial.transform import RigidTransform
 
 from ..camera import Rig
 from ..checks import Array, as_number, as_transform
-from ..estimators.pixels import prepare
 from ..files.recording import Frames
 from ..handle import Handle
 from ..identity import choose, equivalents, relabel
-from ..measurement import Measurement, as_images, measure
-from ..methods import BEST
+from ..measurement import Measurement, as_images, chosen, identified, measure
 from ..pose import LOST, Pose
 from ..rigid import apart
 from ..sensitivity import NOTHING
 from ..window import Window
+from ..work import Work
 from . import posefilter
 from .look import (
-    Expected,
     Followed,
     Guess,
     RigState,
@@ -39,9 +37,15 @@ from .look import (
     follow,
     found_markers,
     may_be_blurred,
+    prepare,
 )
 from .parameters import FollowParameters
 from .posefilter import Motion, PoseFilterParameters
+
+# share of an instant's work without which a guess is not begun: few steps lead nowhere
+LEAST_SHARE = 1 / 3
+# share that a search leaves for the fit of what it finds
+SEARCH_LEAVES = 1 / 2
 
 
 class TrackState(NamedTuple):
@@ -63,6 +67,8 @@ class TrackState(NamedTuple):
         Of the last measured pose, see `pose.Pose`.
     blurred : bool
         Whether the last measured markers were smeared by the handle's motion.
+    cursor : int
+        Where the search of the whole images goes on that was cut short, see `identity.search.search`.
     """
 
     t_s: float
@@ -72,6 +78,7 @@ class TrackState(NamedTuple):
     rig: RigState | None = None
     systematic: Array = NOTHING
     blurred: bool = False
+    cursor: int = 0
 
 
 class Tracked(NamedTuple):
@@ -144,8 +151,7 @@ def track_instants(
         what it returns is the state to go on with.
     """
     given = known or {}
-    if (parameters or FollowParameters()).estimator == BEST:
-        prepare()  # not at the expense of the first instant
+    prepare()  # not at the expense of the first instant
     for now in instants:
         if now.frame in given and (state is None or not state.sure):
             # the time has to increase
@@ -197,27 +203,27 @@ def step(
     p = (parameters or FollowParameters()).checked
     t = as_number(t_s, "t_s", low=state.t_s, open_low=True)
     images = as_images(frames, rig)
+    work = Work(p.most_work, state.cursor)
     if state.motion is None or state.seen is None:
-        return _sought(images, t, state.rig, rig, handle, p)
+        return _sought(images, t, state.rig, rig, handle, p, work)
     predicted = posefilter.predict(state.motion, t, p.motion)
     first = _guess(predicted, state.blurred, rig, handle, p)
-    as_predicted = follow(images, first, rig, handle, p, state.rig)
+    as_predicted = follow(images, first, rig, handle, p, state.rig, work)
     best = _better(None, as_predicted, rig, handle, p)
-    fits = as_predicted.fits
-    guesses = _further_guesses(images, as_predicted, state, rig, handle, p)
-    while fits < p.most_fits and not _enough_cameras(best, rig):
+    guesses = _further_guesses(images, first, state, rig, handle, p, work)
+    while work.left >= LEAST_SHARE * p.most_work and not _enough_cameras(best, rig):
         guess = next(guesses, None)
         if guess is None:
             break
-        followed = follow(images, guess, rig, handle, p, state.rig)
+        followed = follow(images, guess, rig, handle, p, state.rig, work)
         best = _better(best, followed, rig, handle, p)
-        fits += followed.fits
     if best is not None:
         return _measured(best, state.sure, handle, p)
     if t - state.seen.t_s > p.memory_s + 1e-9:  # times are rounded
-        return _sought(images, t, state.rig, rig, handle, p)
+        return _sought(images, t, state.rig, rig, handle, p, work)
     # The windows of the prediction belong to the pose that is reported.
-    return state._replace(t_s=t, motion=predicted), _missed(as_predicted, state, handle)
+    state = state._replace(t_s=t, motion=predicted, cursor=work.cursor)
+    return state, _missed(as_predicted, state, handle)
 
 
 def _better(
@@ -227,8 +233,7 @@ def _better(
     continuation of the motion; else the best one so far.
     """
     cameras = 0 if best is None else best.pose.cameras
-    wanted = max(followed.guess.min_cameras, cameras + 1)
-    if followed.pose.cameras < wanted:
+    if followed.pose.cameras <= cameras:
         return best
     continues = believable(followed.pose, followed.guess.motion, rig, handle, p)
     return followed if continues else best
@@ -251,87 +256,56 @@ def _guess(motion: Motion, blurred: bool, rig: Rig, handle: Handle, p: FollowPar
 
 def _further_guesses(
     images: list[np.ndarray],
-    as_predicted: Followed,
+    predicted: Guess,
     state: TrackState,
     rig: Rig,
     handle: Handle,
     p: FollowParameters,
+    work: Work,
 ) -> Iterator[Guess]:
-    """Where the handle may be if not as predicted, the likeliest first.
-
-    1. Shifted to where the images have it, from the prediction and from where it was seen last.
-    2. Moving in any direction, if its velocity is unknown.
-    3. Where a search of the whole images finds it.
+    """Where the handle may be if not as predicted: shifted to where the images have it, and where a
+    search of the whole images finds it.
     """
-    predicted = as_predicted.guess
-    assert state.seen is not None
-    for motion in _displaced(images, predicted, state.seen, rig, handle, p):
-        yield _guess(motion, state.blurred, rig, handle, p)
-    if posefilter.is_new(predicted.motion, p.motion):
-        for motion in _in_any_direction(predicted.motion, rig, p):
-            # one image alone is explained by some motion blur
-            yield _guess(motion, True, rig, handle, p)._replace(min_cameras=2)
-    yield from _in_whole_images(images, predicted.motion, state.blurred, rig, handle, p)
+    motion = predicted.motion
+    seen = state.seen
+    assert seen is not None
+    centre = motion.pose.translation
+    shift = displacement(images, predicted.expected, centre, rig, handle, p)
+    if shift is not None:
+        moved = posefilter.restarted(motion, centre + shift[0], shift[1], seen, p.motion)
+        yield _guess(moved, state.blurred, rig, handle, p)
+    found = _in_whole_images(images, motion, rig, handle, p, work)
+    if found is not None:
+        yield _guess(found, state.blurred, rig, handle, p)
 
 
 def _in_whole_images(
     images: list[np.ndarray],
     predicted: Motion,
-    blurred: bool,
     rig: Rig,
     handle: Handle,
     p: FollowParameters,
-) -> Iterator[Guess]:
-    """Where a measurement in the whole images has the handle; the prediction only chooses among poses
-    that look alike.
+    work: Work,
+) -> Motion | None:
+    """The motion to where the markers of the whole images have the handle; the prediction only
+    chooses among poses that look alike.
     """
-    pose = measure(images, rig, handle, predicted.pose, p).pose
-    if pose.T_world_handle is None or not believable(pose, predicted, rig, handle, p):
-        return
+    kept = SEARCH_LEAVES * p.most_work
+    if work.left <= kept:
+        return None
+    whole = [Window(0, 0, *camera.size) for camera in rig.cameras]
+    work.left -= kept
+    _, hypotheses = identified(images, whole, rig, handle, p, work)
+    work.left += kept
+    if not hypotheses:
+        return None
+    T, labels, sure = chosen(hypotheses, images, rig, handle, predicted.pose, p)
     spread = np.diag(np.repeat([1.0, 0.1], 3) ** 2)
-    motion = posefilter.update(predicted, pose.T_world_handle, spread, p.motion)
-    yield _guess(motion, blurred, rig, handle, p)
-
-
-def _in_any_direction(
-    motion: Motion, rig: Rig, p: FollowParameters, directions: int = 4
-) -> list[Motion]:
-    """A motion of unknown velocity with one across the first camera's sight, in directions half a
-    turn around.
-
-    Motion blur looks the same both ways, and tells of its direction by itself if the fit begins
-    with one.
-    """
-    across = rig.cameras[0].T_world_cam.as_matrix()[:3, :2]
-    angles = np.pi / directions * np.arange(directions)
-    velocities = p.motion.speed_mm_s * (across @ [np.cos(angles), np.sin(angles)]).T
-    return [
-        motion._replace(rates=np.concatenate([velocity, np.zeros(9)])) for velocity in velocities
-    ]
-
-
-def _displaced(
-    images: list[np.ndarray],
-    predicted: Guess,
-    seen: Motion,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
-) -> Iterator[Motion]:
-    """The predicted motion shifted to where the images have the handle, from there and from where
-    it was seen.
-    """
-    motion = predicted.motion
-    places: list[tuple[RigidTransform, list[Expected]]] = [
-        (motion.pose, predicted.expected),
-        (seen.pose, expect(rig, handle, motion._replace(pose=seen.pose), p)),
-    ]
-    for pose, expected in places:
-        shift = displacement(images, expected, pose.translation, rig, handle, p)
-        if shift is not None:
-            yield posefilter.restarted(
-                motion, pose.translation + shift[0], shift[1], seen, p.motion
-            )
+    cameras = sum(bool((row >= 0).any()) for row in labels)
+    pose = Pose("measured", T, spread, np.nan, 0, cameras)
+    if not sure or not believable(pose, predicted, rig, handle, p):
+        return None
+    return posefilter.update(predicted, T, spread, p.motion)
 
 
 def _tracked(followed: Followed, pose: Pose, labels: tuple[np.ndarray, ...]) -> Tracked:
@@ -373,14 +347,18 @@ def _sought(
     rig: Rig,
     handle: Handle,
     p: FollowParameters,
+    work: Work,
 ) -> tuple[TrackState, Tracked]:
     """The handle looked for in whole images, with nothing known but the rig."""
-    measurement = measure(images, rig, handle, None, p)
+    work.left -= SEARCH_LEAVES * p.most_work
+    measurement = measure(images, rig, handle, None, p, work=work)
     tracked = Tracked(measurement, tuple(Window(0, 0, *camera.size) for camera in rig.cameras))
     pose = measurement.pose
     sure = pose.status == "measured"
     if pose.T_world_handle is None or not (sure or len(handle.symmetries) > 1):
-        return TrackState(t, None, None, False, known), tracked
+        # a pose that is not sure is looked for in the same way again
+        cursor = work.cursor if pose is LOST else 0
+        return TrackState(t, None, None, False, known, cursor=cursor), tracked
     begun = posefilter.begin(t, pose.T_world_handle, pose.covariance_random, p.motion)
     return TrackState(t, begun, begun, sure, known, pose.systematic), tracked
 

@@ -27,18 +27,18 @@ from ..camera import Rig, RigCovariance
 from ..checks import Array, as_number, as_whole
 from ..datasets import handle_file, handle_of, rig_file, rig_of
 from ..default_covariance import assumed
-from ..files.kept import locked
-from ..files.outputs import write_together
-from ..files.poses import transforms
+from ..files.kept import fingerprint, locked
+from ..files.outputs import write_together, write_whole
+from ..files.poses import poses_text, read_poses, transforms
 from ..files.recorder import partial_of
-from ..files.recording import Recording, open_recording, parts_of_folder, some_instants
+from ..files.recording import Recording, open_recording, some_instants
 from ..files.rigs import covariance_text, handle_text, rig_text
 from ..handle import Handle
 from ..methods import BEST
 from .centres import MAX_WAY_PX, Motion, measured_centres, motion, spread_out
 from .losses import lost_lines
 from .parameters import FollowParameters
-from .track import Job, Rows, content_of, fingerprint, known_poses, track_on
+from .track import follow, known_poses, parts_of_folder
 
 log = logging.getLogger("trinolab")
 
@@ -119,8 +119,8 @@ def refine_files(
 ) -> Refined:
     """Adjust a rig and a handle's markers to a recording of the moving handle, and write both.
 
-    Finished work is kept in the folder ``<out>.partial``. The same call goes on where an interrupted
-    one has stopped.
+    Finished work, the poses of all instants and then the centres of each, is kept in the folder
+    ``<out>.partial``. The same call goes on where an interrupted one has stopped.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def refine_files(
     files = [path for path in (rig, handle) if isinstance(path, Path)]
     files += [Path(path) for path in (start, timestamps) if path is not None]
     options = (start is None, fps, most, length, prior.rig.tolist())
-    made_from = fingerprint(files, sources, *options, *map(content_of, values))
+    made_from = fingerprint(files, sources, *options, *map(_content_of, values))
     partial = partial_of(out)
     partial.mkdir(exist_ok=True)
     with locked(partial):
@@ -207,19 +207,16 @@ def refine_folder(
     """Refine the rig and the handle of a recording folder, see `files.recording`; the rest as for
     `refine_files`, and others than the folder's rig and handle as for `track.track_folder`.
     """
-    if not isinstance(folder, (str, Path)):
-        raise ValueError(f"folder: expected a recording folder, got {type(folder).__name__}")
-    rig = rig if rig is None or isinstance(rig, Rig) else rig_file(rig)
-    handle = handle if handle is None or isinstance(handle, Handle) else handle_file(handle)
-    parts = parts_of_folder(folder, rig, handle, timestamps)
-    return refine_files(
-        Path(folder, "rig.toml") if rig is None else rig,
-        Path(folder, "handle.toml") if handle is None else handle,
-        parts.sources,
-        out,
-        timestamps=parts.timestamps,
-        **options,
-    )
+    rig, handle, sources, times = parts_of_folder(folder, rig, handle, timestamps)
+    return refine_files(rig, handle, sources, out, timestamps=times, **options)
+
+
+def _content_of(value: Rig | Handle) -> str:
+    """The text of a rig or a handle with all that is known of it."""
+    if isinstance(value, Handle):
+        return handle_text(value)
+    known = value.covariance
+    return rig_text(value) + ("" if known is None else covariance_text(known))
 
 
 def _as_length(length: tuple[str, str, float] | None, rig: Rig, handle: Handle) -> Length | None:
@@ -298,11 +295,12 @@ def _to_record(asked: _Asked, table: pd.DataFrame, moved: Motion) -> str:
 
 
 def _followed(asked: _Asked) -> pd.DataFrame:
-    """The poses of all instants."""
-    job = Job(asked.recording, asked.handle, FOLLOWED_BY, asked.known)
-    with Rows(asked.kept / "poses.csv", asked.made_from) as rows:
-        track_on(job, rows, None, asked.progress)
-        return rows.table()
+    """The poses of all instants: those that are kept, or followed now."""
+    kept = asked.kept / f"poses_{asked.made_from}.csv"
+    if not kept.exists():
+        table, _ = follow(asked.recording, asked.handle, FOLLOWED_BY, asked.known, asked.progress)
+        write_whole(kept, poses_text(table))
+    return read_poses(kept)
 
 
 def _head(asked: _Asked, *parts: Any) -> str:

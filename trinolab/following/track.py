@@ -1,15 +1,9 @@
-"""What `trinolab track` does: a recording in, a pose file out, row by row, so that an interruption
-loses nothing.
-"""
+"""From a recording to a file of poses: the command ``trinolab track``."""
 
 from __future__ import annotations
 
-import hashlib
-import io
-import json
 import logging
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,12 +17,10 @@ from ..camera import Rig
 from ..checks import Array
 from ..datasets import handle_file, handle_of, rig_file, rig_of
 from ..default_covariance import assumed
-from ..files import limits
-from ..files.kept import KeptLines
+from ..files.kept import sole_writer
 from ..files.outputs import check_targets, write_together
 from ..files.poses import (
     POSE_COLUMNS,
-    STATUSES,
     contradictions,
     pose_row,
     poses_by_frame,
@@ -37,43 +29,29 @@ from ..files.poses import (
     tum_text,
 )
 from ..files.recording import (
+    Frames,
     Recording,
     instants,
+    open_folder,
     open_recording,
-    parts_of_folder,
     some_instants,
 )
-from ..files.rigs import covariance_text, handle_text, rig_text
-from ..files.video import Film
 from ..handle import Handle
 from ..identity import labelled_pixels
 from ..methods import DEFAULT, estimator_of
-from ..pose import Pose, fit_pose
+from ..pose import fit_pose
 from ..sensitivity import is_uncertain
 from . import drift, posetracker
 from .clocks import late_lines, widened
 from .losses import lost_lines
-from .overlay import picture
 from .parameters import FollowParameters
-from .posetracker import TrackState
-from .statefile import state_of, text_of
 from .sync import Offsets, estimate_offsets
 
 log = logging.getLogger("trinolab")
 
-PARTIAL = ".partial"  # behind the name of a pose file that is not finished
-STATE = ".state"  # and behind that, of the tracker's state
-STATE_EVERY = 25  # frames that are tracked again at most when a track goes on
 MOST_INSTANTS = 3000  # kept for the cameras' offsets in time, and for their drift
 
-
-class Job(NamedTuple):
-    """What is tracked: a recording, its handle, how, and known poses by their frames."""
-
-    recording: Recording
-    handle: Handle
-    parameters: FollowParameters
-    known: Mapping[int, RigidTransform]
+Watch = Callable[[Recording, Frames, posetracker.Tracked], object]
 
 
 def track_files(
@@ -82,16 +60,13 @@ def track_files(
     sources: Mapping[str, str | Path],
     out: str | Path,
     start: str | Path | None = None,
-    overlay: str | Path | None = None,
     fps: float = 30.0,
     timestamps: str | Path | None = None,
     method: str = DEFAULT,
     progress: bool = True,
+    watch: Watch | None = None,
 ) -> pd.DataFrame:
     """Follow the handle through videos or image folders, and write its poses.
-
-    Rows are kept in a file beside `out` as they come. The same call goes on where an interrupted
-    one has stopped.
 
     Parameters
     ----------
@@ -101,12 +76,11 @@ def track_files(
     sources : mapping of str to path
         For each camera's name its video, or its folder of images (in the order of their names).
     out : path
-        CSV of poses to write; TUM beside it, with the suffix ``.tum``.
+        CSV of poses to write; TUM beside it, with the suffix ``.tum``. Both appear whole or not at
+        all.
     start : path, optional
         CSV of poses known at some frames: at the first one for a handle that looks alike from
         several sides.
-    overlay : path, optional
-        A .webm video (VP8) of what was found, from the frame with which this call began.
     fps : float
         Frames a second, where there are no timestamps.
     timestamps : path, optional
@@ -116,6 +90,9 @@ def track_files(
         ``trinolab.measure``.
     progress : bool
         Show a progress bar on standard error, if that is a terminal.
+    watch : callable, optional
+        Takes the recording, each instant's frames and what was found in them, a
+        `posetracker.Tracked`.
 
     Returns
     -------
@@ -125,42 +102,25 @@ def track_files(
     Raises
     ------
     ValueError
-        Names the file that is missing, unreadable or does not fit, or whose rows another process
-        tracks. Rows that are finished are kept.
-    KeyboardInterrupt
-        Says how many rows are kept.
+        Names the file that is missing, unreadable or does not fit, or that another process writes.
     """
     the_rig, the_handle = rig_of(rig), handle_of(handle)
-    values = [what for what in (rig, handle) if isinstance(what, Rig | Handle)]
     rig = "rig" if isinstance(rig, Rig) else rig_file(rig)
     handle = "handle" if isinstance(handle, Handle) else handle_file(handle)
     recording = open_recording(sources, the_rig, fps, timestamps)
     parameters = FollowParameters(estimator=estimator_of(method))
-    job = Job(recording, the_handle, parameters, known_poses(start, recording))
+    known = known_poses(start, recording)
     files = [path for path in (rig, handle) if isinstance(path, Path)]
     files += [Path(path) for path in (start, timestamps) if path is not None]
     tum = Path(out).with_suffix(".tum")
-    film = None if overlay is None else Film(overlay, recording.rate)
-    check_targets([out, tum, *([overlay] if overlay else [])], files)
-    options = (start is None, timestamps is None, fps, method)
-    made_from = fingerprint(files, sources, *options, *map(content_of, values))
-    with Rows(Path(f"{out}{PARTIAL}"), made_from) as rows:
-        try:
-            with film or nullcontext():
-                offsets = track_on(job, rows, film, progress)
-            table = rows.table()
-            if offsets is not None:
-                table = widened(table, offsets, the_rig)
-            write_together({out: poses_text(table), tum: tum_text(table)})
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt(
-                _kept(rows) and f"{_kept(rows)}; the same command goes on"
-            ) from None
-        except (ValueError, OSError) as error:
-            raise ValueError(f"{error}; {_kept(rows)}".removesuffix("; ")) from None
-        rows.remove()
-    lines = assumed(the_rig, job.handle, rig, handle)
-    if not is_uncertain(the_rig, job.handle):
+    check_targets([out, tum], files)
+    with sole_writer(out):
+        table, offsets = follow(recording, the_handle, parameters, known, progress, watch)
+        if offsets is not None:
+            table = widened(table, offsets, the_rig)
+        write_together({out: poses_text(table), tum: tum_text(table)})
+    lines = assumed(the_rig, the_handle, rig, handle)
+    if not is_uncertain(the_rig, the_handle):
         lines = contradictions(table, rig)
     for line in lines:
         log.info(line)
@@ -169,7 +129,7 @@ def track_files(
         frames = table["frame"].iloc[numbers].tolist()
         return (now.images for now in some_instants(recording, frames))
 
-    for line in lost_lines(table, the_rig, job.handle, images_of):
+    for line in lost_lines(table, the_rig, the_handle, images_of):
         log.info(line)
     return table
 
@@ -194,178 +154,70 @@ def track_folder(
     timestamps : path, optional
         Another file than the folder's.
     """
+    rig, handle, sources, times = parts_of_folder(folder, rig, handle, timestamps)
+    return track_files(rig, handle, sources, out, timestamps=times, **options)
+
+
+def parts_of_folder(
+    folder: str | Path,
+    rig: Rig | str | Path | None,
+    handle: Handle | str | Path | None,
+    timestamps: str | Path | None,
+) -> tuple[Rig | Path, Handle | Path, dict[str, Path], str | Path | None]:
+    """Rig, handle, footage by camera and timestamps of a recording folder, or what is given in the
+    place of its own. Raises ValueError as `files.recording.open_folder`.
+    """
     if not isinstance(folder, (str, Path)):
         raise ValueError(f"folder: expected a recording folder, got {type(folder).__name__}")
     rig = rig if rig is None or isinstance(rig, Rig) else rig_file(rig)
     handle = handle if handle is None or isinstance(handle, Handle) else handle_file(handle)
-    parts = parts_of_folder(folder, rig, handle, timestamps)
-    return track_files(
+    recording, _ = open_folder(folder, rig, handle)
+    if timestamps is None and recording.times_s is not None:
+        timestamps = recording.times_from
+    return (
         Path(folder, "rig.toml") if rig is None else rig,
         Path(folder, "handle.toml") if handle is None else handle,
-        parts.sources,
-        out,
-        timestamps=parts.timestamps,
-        **options,
+        {name: one.path for name, one in zip(recording.rig.names, recording.footage, strict=True)},
+        timestamps,
     )
 
 
-class Rows(KeptLines):
-    """The finished rows of a track, as lines of a CSV file; its first line names the track by its
-    `fingerprint`. Beside it is a file with the tracker's state after the last frame that is a multiple of
-    `STATE_EVERY`.
+def follow(
+    recording: Recording,
+    handle: Handle,
+    parameters: FollowParameters,
+    known: Mapping[int, RigidTransform],
+    progress: bool,
+    watch: Watch | None = None,
+) -> tuple[pd.DataFrame, Offsets | None]:
+    """The poses of all instants as a table with the columns of `POSE_COLUMNS`, and how far the clocks
+    lie apart. Poses that are `known` have the numbers of their frames.
     """
-
-    def __init__(self, path: Path, made_from: str) -> None:
-        self._made_from = made_from
-        self._state_path = path.with_name(f"{path.name}{STATE}")
-        self._hidden = path.with_name(f".{path.name}{STATE}")  # while it is written
-        super().__init__(path, f"# trinolab track {made_from}\n{','.join(POSE_COLUMNS)}\n", _is_row)
-
-    def add(self, frame: int, t_s: float, pose: Pose) -> None:
-        """One more row, see `add_line`."""
-        cells = (
-            f"{cell:.9g}" if isinstance(cell, float) else str(cell)
-            for cell in pose_row(frame, t_s, pose)
-        )
-        self.add_line(",".join("" if cell == "nan" else cell for cell in cells))
-
-    def table(self) -> pd.DataFrame:
-        """The rows so far."""
-        return pd.read_csv(io.StringIO("\n".join([",".join(POSE_COLUMNS), *self.lines()])))
-
-    def keep_state(self, frame: int, state: TrackState, rig: Rig) -> TrackState:
-        """Keep the tracker's state after every so many frames, in the place of the one before, and
-        return the state to go on with. Raises ValueError if it cannot be written.
-        """
-        if (frame + 1) % STATE_EVERY:
-            return state
-        text = text_of(state, rig)
-        try:
-            self._hidden.write_text(f"{self._made_from} {frame}\n{text}\n", encoding="utf-8")
-            self._hidden.replace(self._state_path)
-        except OSError as error:
-            self._hidden.unlink(missing_ok=True)
-            raise ValueError(f"{self._state_path}: cannot be written ({error.strerror})") from None
-        return state_of(text, rig)
-
-    def kept_state(self, rig: Rig) -> tuple[int, TrackState | None]:
-        """The first frame that the tracker has to see again, and its state before: that which was
-        kept last, of a frame that has its row. Without one it is the very first frame.
-        """
-        try:
-            content = limits.read_bytes(self._state_path, limits.TREE_BYTES).decode()
-            head, text, _ = content.split("\n")
-            made_from, number = head.split(" ")
-            frame = int(number)
-            if made_from == self._made_from and 0 <= frame < len(self.lines()):
-                return frame + 1, state_of(text, rig)
-        except (OSError, ValueError):  # there is none, or it was cut off
-            pass
-        return 0, None
-
-    def remove(self) -> None:
-        """Remove the rows and the state, and close the file."""
-        for path in (self._state_path, self._hidden):
-            path.unlink(missing_ok=True)
-        super().remove()
-
-
-def fingerprint(
-    files: Sequence[str | Path], sources: Mapping[str, str | Path], *options: Any
-) -> str:
-    """What tells one track from another: the contents of its files, its footage as it lies there,
-    its options.
-    """
-    contents = [hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in files]
-    where = {name: [str(Path(path).resolve()), stamp(Path(path))] for name, path in sources.items()}
-    return hashlib.sha256(
-        json.dumps([contents, where, [str(o) for o in options]]).encode()
-    ).hexdigest()[:16]
-
-
-def content_of(value: Rig | Handle) -> str:
-    """What tells one rig or handle from another."""
-    if isinstance(value, Handle):
-        return handle_text(value)
-    known = value.covariance
-    return rig_text(value) + ("" if known is None else covariance_text(known))
-
-
-def stamp(path: Path) -> list[tuple[str, int, int]]:
-    """Names, sizes and times of a video, or of a folder's images."""
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    return [(file.name, (about := file.stat()).st_size, about.st_mtime_ns) for file in files]
-
-
-def _is_row(frame: int, line: str) -> bool:
-    """Whether a line is the row of a frame."""
-    row = dict(zip(POSE_COLUMNS, line.split(","), strict=False))
-    status = row.pop("status", "")
-    try:
-        numbers = [float(cell) for cell in row.values() if cell]
-    except ValueError:
-        return False
-    return (
-        line.count(",") == len(POSE_COLUMNS) - 1
-        and status in STATUSES
-        and bool(numbers)
-        and row["frame"] == str(frame)
-    )
-
-
-def _kept(rows: Rows) -> str:
-    """What is there of a track that has stopped; of no row there is no file."""
-    if count := len(rows.lines()):
-        return f"{count} rows are kept in {rows.path}"
-    rows.remove()
-    return ""
-
-
-def track_on(job: Job, rows: Rows, film: Film | None, progress: bool) -> Offsets | None:
-    """Track from the first frame that has no row; the frames since the last state that was kept are
-    tracked again, so that the next ones come out as if nothing had stopped it. The result is how far
-    the clocks lay apart in what was tracked.
-    """
-    done = rows.table()
-    rig = job.recording.rig
-    first, state = rows.kept_state(rig)
-    measured = int((done["status"] == "measured").sum())
+    rig = recording.rig
+    rows: list[tuple] = []
+    measured = 0
     seen = Seen([], [])
-    watched = Watched(job.recording.rig, job.handle, job.parameters)
-    steps = posetracker.track_instants(
-        instants(job.recording, first),
-        rig,
-        job.handle,
-        job.parameters,
-        job.known,
-        state,
-        lambda frame, after: rows.keep_state(frame, after, rig),
-    )
+    watched = Watched(rig, handle, parameters)
+    steps = posetracker.track_instants(instants(recording), rig, handle, parameters, known)
     with (
         logging_redirect_tqdm(),
-        tqdm(
-            total=job.recording.length,
-            initial=len(done),
-            unit="instant",
-            disable=None if progress else True,
-        ) as bar,
+        tqdm(total=recording.length, unit="instant", disable=None if progress else True) as bar,
     ):
         for now, tracked in steps:
-            if now.frame < len(done):
-                continue  # its row is there
-            rows.add(now.frame, now.t_s, tracked.measurement.pose)
-            seen.add(now.t_s, tracked, len(job.handle.marker_centres))
+            pose = tracked.measurement.pose
+            rows.append(pose_row(now.frame, now.t_s, pose))
+            seen.add(now.t_s, tracked, len(handle.marker_centres))
             watched.add(now.frame, now.t_s, tracked)
-            if film is not None:
-                film.add(picture(now.images, tracked, job.recording.rig, now.frame, now.t_s))
-            measured += tracked.measurement.pose.status == "measured"
+            if watch is not None:
+                watch(recording, now, tracked)
+            measured += pose.status == "measured"
             bar.set_postfix_str(f"tracked {100 * measured / (now.frame + 1):.0f} %", refresh=False)
             bar.update()
         offsets = seen.offsets(rig)
         late = late_lines(offsets, rig) if offsets else []
         for line in [*late, *watched.drift()]:
             log.info(line)
-    return offsets
+    return pd.DataFrame(rows, columns=list(POSE_COLUMNS)), offsets
 
 
 def _identified(tracked: posetracker.Tracked, markers: int) -> Array:

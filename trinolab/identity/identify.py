@@ -19,6 +19,7 @@ from ..checks import Array, as_array, as_transform
 from ..handle import Handle
 from ..rigid import placed
 from ..sensitivity import offsets_of
+from ..work import Work
 from .hypotheses import Explained, Observed, Poses, ideal_pixels
 from .layout import layout_of, views_of
 from .parameters import IdentityParameters
@@ -59,6 +60,7 @@ def identify(
     parameters: IdentityParameters | None = None,
     axes_px: Sequence[Array] | None = None,
     matches: Sequence[np.ndarray] | None = None,
+    work: Work | None = None,
 ) -> list[Hypothesis]:
     """Find the poses that explain the found markers.
 
@@ -77,6 +79,8 @@ def identify(
         Rows of the markers of both cameras, in the order of `Rig.pairs`, that may be the same
         marker (Eq. 17-18). With them poses are sought by these pairs alone, as in the paper;
         without, by epipolar lines and in single cameras.
+    work : Work, optional
+        What the search may take, and where it goes on, see `search.search`; all without it.
 
     Returns
     -------
@@ -103,7 +107,7 @@ def identify(
         _as_matches(matches, rig),
         offsets_of(rig, pixels),
     )
-    tried = search(observed, p)
+    tried = search(observed, p, work or Work())
     if tried is None:
         return []
     poses, explained = tried

@@ -15,11 +15,16 @@ from typing import NamedTuple
 import numpy as np
 
 from ..checks import Array
+from ..work import Work
 from .hypotheses import FAR, Explained, Observed, Poses, explain, fit
 from .layout import Layout, Views
 from .p3p import three_point_depths
 from .parameters import IdentityParameters
 from .scoring import explains_all, judge
+
+# The work of the poses from one triplet, in units of `work.Work`.
+PAIR_UNITS = 8.0
+SINGLE_UNITS = 25.0
 
 
 class Candidates(NamedTuple):
@@ -269,25 +274,15 @@ def _best_triplets(names: np.ndarray, score: Array, tries: int) -> Iterator[np.n
         score = score * np.array([1.0, 1.0, 1e-3, 0.0])[shared]
 
 
-def search(observed: Observed, p: IdentityParameters) -> tuple[Poses, Explained] | None:
+def search(observed: Observed, p: IdentityParameters, work: Work) -> tuple[Poses, Explained] | None:
     """Find poses that explain the found markers, good and bad ones; None if there is nothing to
     try.
 
     Pairs of cameras come first. Where they settle nothing, single cameras are tried, unless there
-    are matches.
+    are matches. The first to be tried is the `cursor` of the work, which goes on to what is not
+    begun when the work is spent.
     """
-    tried: list[tuple[Poses, Explained]] = []
-    for seeds in _pair_seeds(observed, p):
-        tried.append(_refined(_best(seeds, observed, p.seeds_kept, p, different=True), observed, p))
-        if _settled(tried[-1][1], p):
-            break
-    if observed.matches is None and not any(
-        _settled(explained, p, in_spite=True) for _, explained in tried
-    ):
-        for camera, seeds in _single_seeds(observed, p):
-            tried.append(_refined(_in_one(seeds, camera, observed, p), observed, p))
-            if _settled(tried[-1][1], p):
-                break
+    tried = list(_tried(observed, p, work))
     if not tried:
         return None
     poses, explained = zip(*tried, strict=True)
@@ -297,22 +292,59 @@ def search(observed: Observed, p: IdentityParameters) -> tuple[Poses, Explained]
     )
 
 
-def _pair_seeds(observed: Observed, p: IdentityParameters) -> Iterator[Poses]:
-    """Poses to try, by pairs of cameras; first those with most in common.
+class _Source(NamedTuple):
+    """Poses to try, one triplet after the other: of two cameras, or of one `camera` alone."""
+
+    camera: int | None
+    seeds: Iterator[Poses]
+
+
+def _tried(
+    observed: Observed, p: IdentityParameters, work: Work
+) -> Iterator[tuple[Poses, Explained]]:
+    """The poses of one triplet after the other, fitted, until some are beyond doubt."""
+    sources = _sources(observed, p)
+    first = work.cursor % max(len(sources), 1)
+    agreed = False
+    for number in (*range(first, len(sources)), *range(first)):
+        camera, seeds = sources[number]
+        if agreed and camera is not None:
+            continue
+        for poses in seeds:
+            if not len(poses.rotations):
+                continue
+            if not work.takes(PAIR_UNITS if camera is None else SINGLE_UNITS):
+                return
+            work.cursor = number + 1
+            if camera is None:
+                poses = _best(poses, observed, p.seeds_kept, p, different=True)
+            else:
+                poses = _in_one(poses, camera, observed, p)
+            tried = _refined(poses, observed, p)
+            yield tried
+            if _settled(tried[1], p):
+                return
+            agreed |= camera is None and _settled(tried[1], p, in_spite=True)
+    work.cursor = 0
+
+
+def _sources(observed: Observed, p: IdentityParameters) -> list[_Source]:
+    """Pairs of cameras, first those with most in common; then single cameras, first the one that
+    found most, unless there are matches.
 
     Whatever explains all that was found explains any triplet of it: a few triplets are enough.
     """
     points = [candidate_points(observed, pair, p) for pair in range(len(observed.pairs))]
-    for pair in sorted(range(len(points)), key=lambda k: -len(np.unique(points[k].names[:, 0]))):
-        seeds = pair_seeds(points[pair], observed.pairs[pair][0], observed, p, tries=2)
-        yield from (poses for poses in seeds if len(poses.rotations))
-
-
-def _single_seeds(observed: Observed, p: IdentityParameters) -> Iterator[tuple[int, Poses]]:
-    """Poses to try, by single cameras; first the one that found most."""
-    for camera in np.argsort(-(observed.uv[:, 0] < FAR).sum(axis=1), kind="stable").tolist():
-        seeds = single_seeds(camera, observed, p, tries=3)
-        yield from ((camera, poses) for poses in seeds if len(poses.rotations))
+    pairs = sorted(range(len(points)), key=lambda k: -len(np.unique(points[k].names[:, 0])))
+    sources = [
+        _Source(None, pair_seeds(points[k], observed.pairs[k][0], observed, p, tries=2))
+        for k in pairs
+    ]
+    if observed.matches is None:
+        count = (observed.uv[:, 0] < FAR).sum(axis=1)
+        for camera in np.argsort(-count, kind="stable").tolist():
+            sources.append(_Source(camera, single_seeds(camera, observed, p, tries=3)))
+    return sources
 
 
 def _in_one(seeds: Poses, camera: int, observed: Observed, p: IdentityParameters) -> Poses:

@@ -2,6 +2,6 @@
 bilateral and wall are beyond the paper).
 
 `oneeuro` is a filter on the pose, `mapping` takes the hand's motion to the tool's, `control` the tool's
-to the joints', `arm` is the simulated arm, `session` all of them, tick by tick. `bilateral` and `wall`
+to the joints', and `arm` is the simulated arm. `bilateral` and `wall`
 are about what the hand may feel.
 """

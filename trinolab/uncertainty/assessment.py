@@ -22,7 +22,7 @@ them again at the rig that the first residuals make likely.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import product
+from functools import lru_cache
 from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
@@ -30,7 +30,7 @@ from scipy.linalg import block_diag, solve_triangular
 from scipy.spatial.transform import RigidTransform
 from scipy.special import ndtr
 
-from ..camera import Rig, RigCovariance, difference, displaced
+from ..camera import CAMERA_PARAMETERS, Rig, RigCovariance, difference, displaced
 from ..checks import Array
 from ..default_covariance import PLACEMENT_MM, default_covariance, known_covariance
 from ..handle import Handle
@@ -178,7 +178,7 @@ def refitted(
         The last fit; None where there is none.
     """
     fit = fit_at(near, start)
-    return None if fit is None else assessed(fit, fit_at, rig, handle, near, earlier)
+    return None if fit is None else assessed(fit, fit_at, rig, handle, near, earlier)[:2]
 
 
 def assessed(
@@ -188,20 +188,29 @@ def assessed(
     handle: Handle,
     near: Rig,
     earlier: RigInformation | None = None,
-) -> tuple[F, Assessment]:
-    """Assess a fit, and fit again where the rig is likely to be another one; parameters and result as
-    for `refitted`.
+) -> tuple[F, Assessment, Rig]:
+    """Assess a fit, and fit again where the rig is likely to be another one.
+
+    Parameters as for `refitted`.
+
+    Returns
+    -------
+    fit : Fitted
+        The last one.
+    assessment : Assessment
+    near : Rig
+        With which it was made.
     """
     found = assess(fit.linear, rig, handle, near, earlier)
     if not found.displacement.any() and near is rig:
-        return fit, found
+        return fit, found, near
     here = displaced(rig, found.displacement)
     if _apart_px(fit.linear.response, here, near) < SAME_RIG_PX:
-        return fit, found
+        return fit, found, near
     again = fit_at(here, found.T_world_handle)
     if again is None:
-        return fit, found
-    return again, assess(again.linear, rig, handle, here, earlier)
+        return fit, found, near
+    return again, assess(again.linear, rig, handle, here, earlier), here
 
 
 def _apart_px(places: Response, rig: Rig, other: Rig) -> float:
@@ -254,7 +263,7 @@ def assess(
     stated, unstated, possible = _components(fit, rig, near, handle)
     known = known_covariance(rig)
     before = _earlier(earlier, known)
-    displacement = difference(near, rig).ravel()
+    displacement = _difference(near, rig)
     slopes = components.by_parameters(fit.response, near)
     shifts = slopes @ displacement
     seen = _seen(fit, free, stated, shifts, before)
@@ -269,6 +278,16 @@ def assess(
     share = found.weights[""] / found.scale
     information = RigInformation(share * inside.T @ inside, share * inside.T @ y)
     return found._replace(information=information)
+
+
+@lru_cache(maxsize=4)  # a follower stays with its rig
+def _difference(rig: Rig, start: Rig) -> Array:
+    """`camera.difference` as one vector."""
+    return (
+        np.zeros(len(CAMERA_PARAMETERS) * len(rig.cameras))
+        if rig is start
+        else difference(rig, start).ravel()
+    )
 
 
 def _free(explained: Array) -> Array:
@@ -351,6 +370,11 @@ class _Seen(NamedTuple):
     moved: Array
     earlier: _Earlier
 
+    @property
+    def nothing(self) -> _Shape:
+        """A component that is not there."""
+        return _Shape(*map(np.zeros_like, self.stated))
+
     def shape(self, component: Component) -> _Shape:
         """A component as the pose and the residuals have it."""
         component = self.earlier.joined(component)
@@ -373,9 +397,16 @@ class _Shape(NamedTuple):
     pose: Array
     rig: Array
 
-    def times(self, size: float) -> _Shape:
-        """The same of another size."""
-        return _Shape(*(size * part for part in self))
+    def with_each(self, other: _Shape, sizes: Array) -> _Shape:
+        """Both together, stacked, for each size (n,) of the other one; of a stack (m, ...) as well,
+        m n in all.
+        """
+        return _Shape(
+            *(
+                (part[..., None, :, :] + sizes[:, None, None] * more).reshape(-1, *more.shape)
+                for part, more in zip(self, other, strict=True)
+            )
+        )
 
     def plus(self, other: _Shape) -> _Shape:
         """Both together."""
@@ -451,7 +482,7 @@ class _Lines(NamedTuple):
 
     Attributes
     ----------
-    names : tuple of str
+    names : list of str
         The fault of each line.
     others, axis : _Shape
         Stacked, n lines.
@@ -459,7 +490,7 @@ class _Lines(NamedTuple):
         Of the axis.
     """
 
-    names: tuple[str, ...]
+    names: list[str]
     others: _Shape
     axis: _Shape
     sizes: Array
@@ -470,45 +501,37 @@ def _lines(seen: _Seen, unstated: Sequence[_Sized], possible: Sequence[_Sized]) 
     """All combinations of sizes: the axis is the first component that is there in any case, or each
     fault by itself.
     """
-    nothing = seen.stated.times(0.0)
-    shapes = [seen.shape(one.component) for one in unstated]
-    lines: list[tuple[str, _Shape, _Shape, Prior]] = []
     none = Prior(np.zeros(1), np.log([NO_FAULT]))
-    faults = [(one.name, seen.shape(one.component), one.prior) for one in possible]
-    faults = [("", nothing, none), *faults]
+    names = ["", *(one.name for one in possible)]
+    shapes = [seen.nothing, *(seen.shape(one.component) for one in possible)]
+    priors = [none, *(one.prior for one in possible)]
     if not unstated:
-        lines = [(name, seen.stated, shape, prior) for name, shape, prior in faults]
-    else:
-        axis = unstated[0].prior
-        for sizes in product(*(zip(*one.prior, strict=True) for one in unstated[1:])):
-            others = seen.stated
-            log_weight = 0.0
-            for (size, log_prior), shape in zip(sizes, shapes[1:], strict=True):
-                others = others.plus(shape.times(size))
-                log_weight += log_prior
-            for name, shape, prior in faults:
-                for size, log_prior in zip(*prior, strict=True):
-                    line_prior = Prior(axis.sizes, axis.log_weights + log_weight + log_prior)
-                    lines.append((name, others.plus(shape.times(size)), shapes[0], line_prior))
-    longest = max(len(prior.sizes) for *_, prior in lines)
-    padded = [longest - len(prior.sizes) for *_, prior in lines]
+        n, longest = len(names), max(len(prior.sizes) for prior in priors)
+        sizes = np.zeros((n, longest))
+        log_weights = np.full((n, longest), -np.inf)
+        for row, prior in enumerate(priors):
+            sizes[row, : len(prior.sizes)], log_weights[row, : len(prior.sizes)] = prior
+        others = seen.stated.with_each(seen.nothing, np.zeros(n))
+        return _Lines(
+            names, others, _Shape(*map(np.stack, zip(*shapes, strict=True))), sizes, log_weights
+        )
+    first, *more = unstated
+    base, of_base = seen.stated, np.zeros(1)
+    for one in more:
+        base = base.with_each(seen.shape(one.component), one.prior.sizes)
+        of_base = np.add.outer(of_base, one.prior.log_weights).ravel()
+    blocks = [
+        base.with_each(shape, prior.sizes) for shape, prior in zip(shapes, priors, strict=True)
+    ]
+    of_lines = [np.add.outer(of_base, prior.log_weights).ravel() for prior in priors]
+    log_weights = np.add.outer(np.concatenate(of_lines), first.prior.log_weights)
+    n = len(log_weights)
     return _Lines(
-        tuple(name for name, *_ in lines),
-        _Shape(
-            *(np.stack(parts) for parts in zip(*(others for _, others, _, _ in lines), strict=True))
-        ),
-        _Shape(
-            *(np.stack(parts) for parts in zip(*(axis for _, _, axis, _ in lines), strict=True))
-        ),
-        np.stack(
-            [np.pad(prior.sizes, (0, n)) for (*_, prior), n in zip(lines, padded, strict=True)]
-        ),
-        np.stack(
-            [
-                np.pad(prior.log_weights, (0, n), constant_values=-np.inf)
-                for (*_, prior), n in zip(lines, padded, strict=True)
-            ]
-        ),
+        [name for name, part in zip(names, of_lines, strict=True) for _ in part],
+        _Shape(*map(np.concatenate, zip(*blocks, strict=True))),
+        seen.shape(first.component).with_each(seen.nothing, np.zeros(n)),
+        np.broadcast_to(first.prior.sizes, (n, len(first.prior.sizes))),
+        log_weights,
     )
 
 

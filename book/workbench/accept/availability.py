@@ -15,10 +15,11 @@ from trinolab.camera import Rig
 from trinolab.checks import Array
 from trinolab.metrics import FAR_DEG, FAR_MM, can_be_measured, waits
 
+from ..intervals import TOGETHER
 from . import tracks
 from .numbers import LARGEST, OWN, Answer, Number, distribution, far_count, share
 from .setup import CENTRE_MM, Setup
-from .tracks import FPS, TOGETHER, Row, Track
+from .tracks import FPS, Row, Track
 
 NAME = "A6"
 TITLE = "Availability"

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 from trinolab.checks import as_whole
+from trinolab.files.kept import fingerprint
 from trinolab.files.outputs import check_targets, write_together
 from trinolab.files.poses import read_poses
 from trinolab.files.recording import find_footage, open_folder
 from trinolab.files.rigs import read_rig
-from trinolab.following.track import fingerprint, track_folder
+from trinolab.following.track import track_folder
 
 from ..provenance import code_hash, commit, machine, versions
 from . import arm, availability, history, pointer, rest

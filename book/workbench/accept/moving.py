@@ -18,11 +18,12 @@ from trinolab.checks import Array
 from trinolab.metrics import FAR_DEG, FAR_MM
 from trinolab.rigid import motion_between, shifted
 
+from ..intervals import TOGETHER
 from ..plotting import datasheet
 from . import tracks
 from .numbers import LARGEST, Answer, Number, Picture, distribution, far_count, share
 from .setup import Field, Setup, drawn_at
-from .tracks import FPS, TOGETHER, Row
+from .tracks import FPS, Row
 
 NAME = "A3"
 TITLE = "Accuracy in motion: a virtual bar"

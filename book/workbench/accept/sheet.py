@@ -19,6 +19,7 @@ from trinolab.datasets import load_sweep
 from trinolab.files.inputs import read_json
 from trinolab.methods import BEST
 
+from ..studies.instant_times import by_film
 from ..studies.second_renderer import side_by_side
 from ..studies.stress import by_fault
 from .numbers import LARGEST, OWN, Answer, Number, Picture, as_table
@@ -211,6 +212,7 @@ def as_page(sheet: Sheet) -> str:
             title=f"Data sheet: {sheet.about['rig']}, {sheet.about['handle']}",
             links=[*sorted(sheet.titles), "A8", "other renderer", "limits"],
             glance=list(glance(sheet.numbers)),
+            films=by_film(load_sweep("instant_films")),
             crime=CRIME,
             after=AFTER,
             rated=RATED,

@@ -26,7 +26,6 @@ from trinolab.rigid import motion_between
 from .setup import Setup
 
 FPS = 30.0
-TOGETHER = 15  # instants that follow one another, half a second: their errors depend on each other
 FOUND = ("measured", "ambiguous")
 Row = list[Any]  # of a kept file: time, status, sigmas, seconds, position, quaternion
 

@@ -18,7 +18,6 @@ from tqdm import tqdm
 
 from trinolab.camera import Rig
 from trinolab.checks import Array, as_number
-from trinolab.files.capture import HAND_MM_S
 from trinolab.files.images import is_image
 from trinolab.files.outputs import check_target, write_whole
 from trinolab.files.recording import (
@@ -35,6 +34,7 @@ from trinolab.handle import Handle
 from trinolab.methods import DEFAULT, estimator_of
 from trinolab.sensitivity import offsets_at
 
+from ..capture.capture import HAND_MM_S
 from . import criteria
 from .criteria import NOT_MEASURED, NOT_USABLE, of_cameras, overall, row
 from .seen import Seen

@@ -16,7 +16,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from datetime import datetime
 from io import TextIOWrapper
 from pathlib import Path
@@ -58,6 +58,7 @@ EXTRAS = {
     "nbclient": "book",
     "nbformat": "course",
     "pooch": "workbench",
+    "psutil": "course",
     "pyvista": "slave",
     "rosbags": "ros",
     "tornado": "live",
@@ -271,10 +272,22 @@ def _track(a: argparse.Namespace) -> int:
 
         from ..bags import track_recording
 
-    options = {"start": a.start, "overlay": a.overlay, "method": a.method}
-    table = _on_footage(a, track_recording, track_files, options)
+    options = {"start": a.start, "method": a.method}
+    with nullcontext() if a.overlay is None else _filmed(a) as watch:
+        table = _on_footage(a, track_recording, track_files, {**options, "watch": watch})
     say(f"{_counted(table)}; written to {a.out}")
     return 0
+
+
+def _filmed(a: argparse.Namespace) -> AbstractContextManager[Any]:
+    """The film of a track, whose file is none that the command reads or writes otherwise."""
+    from trinolab.files.outputs import check_targets
+
+    from ..films.overlay import filmed
+
+    read = [path for path in (a.rig, a.handle, a.start, a.timestamps) if path is not None]
+    check_targets([a.out, a.overlay], read)
+    return filmed(a.overlay)
 
 
 def _refine(a: argparse.Namespace) -> int:
@@ -395,7 +408,7 @@ def _preflight(a: argparse.Namespace) -> int:
 
 
 def _capture(a: argparse.Namespace) -> int:
-    from trinolab.files.capture import capture, timing
+    from ..capture.capture import capture, timing
 
     if a.list:
         return _list_cameras()
@@ -429,7 +442,7 @@ def _capture(a: argparse.Namespace) -> int:
 
 
 def _list_cameras() -> int:
-    from trinolab.files.devices import list_cameras
+    from ..capture.devices import list_cameras
 
     cameras = list_cameras()
     for one in cameras:
@@ -553,6 +566,7 @@ def _accept(a: argparse.Namespace) -> int:
 
 
 def _check(a: argparse.Namespace) -> int:
+    from ..course import sandbox
     from ..course.submissions import as_text, check_class, check_file, file_of
 
     if (a.chapter is None) == (a.folder is None):
@@ -561,12 +575,8 @@ def _check(a: argparse.Namespace) -> int:
         out = Path(a.folder) / "points.csv" if a.out is None else Path(a.out)
         with _ended_in_order():
             table = check_class(Path(a.folder), out)
-        if missing := table.attrs["missing"]:
-            print(
-                f"this system does not keep students' code from: {', '.join(missing)}; "
-                "see trinolab check --help",
-                file=sys.stderr,
-            )
+        if not sandbox.works():
+            print(sandbox.ADVICE, file=sys.stderr)
         say(f"{table.drop(columns='said').to_string(index=False, na_rep='')}\nwritten to {out}")
         return 0
     if a.out is not None:

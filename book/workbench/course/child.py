@@ -1,9 +1,9 @@
 """The process in which a student's code runs: ``python -m workbench.course.child``.
 
-It reads a `Work` from its standard input, then one `Request` after the other, and answers each by a
-line of JSON on its standard output. A student's code may end this process, print, write lines of its
-own, or never return: whoever started it sees that from outside. What comes back is plain data and
-never a pickle, and the right results are nowhere in this process.
+It reads a `Work` from its standard input and reports what the code has made on its standard output, a
+line of JSON each: plain data, never a pickle. The code may end this process, never return, or write
+lines of its own. It decides no points: whoever started the process compares the values in the report
+with the right ones, and those are nowhere in this process.
 """
 
 from __future__ import annotations
@@ -15,9 +15,8 @@ import io
 import json
 import os
 import pickle
+import signal
 import sys
-import threading
-import time
 from collections.abc import Callable, Sequence
 from typing import IO, Any, NamedTuple
 
@@ -25,8 +24,15 @@ import numpy as np
 
 from .plain import plain
 
+try:
+    import resource
+except ImportError:  # Windows
+    resource = None  # type: ignore[assignment]
+
 # Set while a file is checked as a whole: the checks in it need not be made then.
 BEING_CHECKED = "TRINOLAB_BEING_CHECKED"
+MEMORY = 2 * 2**30  # bytes that a process may hold
+FILE = 64 * 2**20  # bytes of a file that it writes
 
 
 class Call(NamedTuple):
@@ -37,138 +43,98 @@ class Call(NamedTuple):
 
 
 class Work(NamedTuple):
-    """What is there to be asked.
+    """Where a student's functions and values come from, and what is asked of them.
 
     Parameters
     ----------
     given
-        Functions and values by name, pickled by cloudpickle; or None.
+        Functions by name, pickled by cloudpickle; or None.
     cells
         Else what makes them: the place of each piece of code, as in ``"cell 3"``, and its text.
+    calls
+        The functions to call.
+    values
+        The names of the values to report.
     cells_s
-        The time of the processor that the cells may take, s; after it the process is ended.
+        The processor time of all cells, s; the process ends after it.
+    cpu_s, wait_s
+        The processor time and the time by the clock of a function in all its cases, s.
     """
 
     given: bytes | None
     cells: Sequence[tuple[str, str]]
+    calls: Sequence[Call]
+    values: Sequence[str]
     cells_s: float
+    cpu_s: float
+    wait_s: float
 
 
-class Request(NamedTuple):
-    """What is asked of the process.
-
-    Parameters
-    ----------
-    id
-        Comes back with the answer.
-    what
-        ``value`` for a value, ``function`` for whether there is one and for the time of the
-        processor that it may take in all its cases; ``case`` for what it does in one.
-    name
-        Of the value or the function.
-    cpu_s
-        That time, s.
-    case
-        The arguments.
-    """
-
-    id: str
-    what: str
-    name: str
-    cpu_s: float = 0.0
-    case: tuple = ()
-
-
-def main(missing: Sequence[str] = ()) -> None:
-    """Do the work that standard input names, and answer what it asks.
-
-    Parameters
-    ----------
-    missing
-        What is not kept from the student's code.
-    """
-    requests = os.fdopen(os.dup(0), "rb")
-    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+def main() -> None:
+    """Do the work that standard input names."""
+    work: Work = pickle.load(sys.stdin.buffer)
+    report = os.fdopen(os.dup(1), "w", encoding="utf-8")
     nothing = os.open(os.devnull, os.O_RDWR)
     os.dup2(nothing, 0)
     os.dup2(nothing, 1)
     sys.stdin = io.StringIO()
-    work: Work = pickle.load(requests)
-    _limit(work.cells_s)
-    _say(answers, here=True, missing=list(missing))
-    namespace = _namespace(work, answers)
-    _say(answers, ready=True)
-    while True:
-        try:
-            request: Request = pickle.load(requests)
-        except EOFError:
-            return
-        _say(answers, id=request.id, **_answer(request, namespace))
+    _limit_memory_and_files()
+    _limit_time(work.cells_s)
+    namespace = _namespace(work, report)
+    for name in work.values:
+        if name in namespace:
+            _say(report, "value", name, plain_value(namespace[name]))
+    for name, cases in work.calls:
+        function = namespace.get(name)
+        if callable(function):
+            _say(report, "at", name)
+            _limit_time(work.cpu_s, work.wait_s)
+            for case in cases:
+                _say(report, "case", name, outcome(function, case))
+    _say(report, "end")
+    os._exit(0)  # whatever the code has left to be done at the end
 
 
-def _answer(request: Request, namespace: dict[str, Any]) -> dict[str, Any]:
-    there = namespace.get(request.name)
-    if request.what == "value":
-        return {"there": request.name in namespace, "is_": plain_value(there)}
-    if request.what == "function":
-        _limit(request.cpu_s)
-        return {"there": callable(there)}
-    assert callable(there)  # or else nobody asks for a case
-    return outcome(there, request.case)
+def _limit_memory_and_files() -> None:
+    for name, most in (("DATA", MEMORY), ("FSIZE", FILE)):
+        with contextlib.suppress(
+            AttributeError, ValueError, OSError
+        ):  # no such limit, or a lower one
+            resource.setrlimit(getattr(resource, f"RLIMIT_{name}"), (most, most))
 
 
-def _limit(cpu_s: float) -> None:
-    """End this process when it computes for so much longer."""
-    used = sum(os.times()[:2])
-    try:
-        import resource
-    except ImportError:  # Windows
-        _watch(used + cpu_s)
+def _limit_time(cpu_s: float, wait_s: float = 0.0) -> None:
+    """End this process when it has computed, or waited, for so much longer; 0 for no limit. Windows
+    has no such limits: there only whoever started the process ends it.
+    """
+    if resource is None:
         return
     _, most = resource.getrlimit(resource.RLIMIT_CPU)
-    limit = int(used + cpu_s) + 1
-    if most != resource.RLIM_INFINITY:
-        limit = min(limit, most)
-    resource.setrlimit(resource.RLIMIT_CPU, (limit, most))
+    with contextlib.suppress(ValueError):  # a lower limit holds already
+        limit = int(sum(os.times()[:2]) + cpu_s) + 1
+        resource.setrlimit(resource.RLIMIT_CPU, (limit, most))
+    signal.setitimer(signal.ITIMER_REAL, wait_s)
 
 
-OUT_OF_TIME = 128 + 24  # as a shell names a process that SIGXCPU has ended
-_until = [float("inf")]
-
-
-def _watch(until: float) -> None:
-    """End this process when it has computed for so long, where the system does not."""
-
-    def look() -> None:
-        while sum(os.times()[:2]) < _until[0]:
-            time.sleep(0.2)
-        os._exit(OUT_OF_TIME)
-
-    first = _until[0] == float("inf")
-    _until[0] = until
-    if first:
-        threading.Thread(target=look, daemon=True).start()
-
-
-def _namespace(work: Work, answers: IO[str]) -> dict[str, Any]:
+def _namespace(work: Work, report: IO[str]) -> dict[str, Any]:
     if work.given is not None:
         return pickle.loads(work.given)
     os.environ["MPLBACKEND"] = "Agg"  # nobody sees the figures
     sys.path.insert(0, os.getcwd())
-    return executed(work.cells, answers)
+    return executed(work.cells, report)
 
 
-def executed(cells: Sequence[tuple[str, str]], answers: IO[str]) -> dict[str, Any]:
+def executed(cells: Sequence[tuple[str, str]], report: IO[str]) -> dict[str, Any]:
     """Run pieces of code, each with its place; go on after one that raises."""
     os.environ[BEING_CHECKED] = "1"
     namespace: dict[str, Any] = {"__name__": "__main__"}
     for place, source in cells:
-        _say(answers, place=place)
+        _say(report, "at", place)
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             try:
                 exec(compile(_without_magic(source), f"<{place}>", "exec"), namespace)
             except (Exception, SystemExit, KeyboardInterrupt) as error:
-                _say(answers, place=place, raised=_named(error))
+                _say(report, "raised", place, _named(error))
     return namespace
 
 
@@ -227,8 +193,8 @@ def _named(error: BaseException) -> str:
     return f"{type(error).__name__}: {first}" if first else type(error).__name__
 
 
-def _say(answers: IO[str], **line: Any) -> None:
-    print(json.dumps(line), file=answers, flush=True)
+def _say(report: IO[str], *line: Any) -> None:
+    print(json.dumps(line), file=report, flush=True)
 
 
 if __name__ == "__main__":

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import hmac
 import io
 import json
-import os
 import re
-import secrets
 import tokenize
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -17,7 +15,6 @@ from typing import NamedTuple
 import pandas as pd
 from tqdm import tqdm
 
-from trinolab.files.fetch import cache_folder
 from trinolab.files.kept import KeptLines
 from trinolab.files.outputs import check_target, write_whole
 
@@ -31,6 +28,7 @@ from .predictions import KEPT as PREDICTIONS
 from .predictions import first_guesses
 from .running import Found, run_file
 
+SUFFIXES = (".ipynb", ".py")
 KEPT = ".checked.jsonl"  # in the class's folder: what is already checked
 LARGEST = 20 * 2**20  # bytes of a file that is read
 # Canvas' name of a file: the student's, late or not, numbers of the student and of what was handed in
@@ -106,13 +104,10 @@ def check_file(chapter: str, file: Path) -> list[Verdict]:
         There is no such chapter or file, or the file is no notebook that can be read.
     """
     alone = CANVAS.fullmatch(file.name) is not None  # what lies beside it is others'
-    return _checked(chapter, file, None if alone else file.parent)[0]
+    return _checked(chapter, file, None if alone else file.parent)
 
 
-def _checked(
-    chapter: str, file: Path, beside: Path | None
-) -> tuple[list[Verdict], tuple[str, ...]]:
-    """The verdicts, and what the system did not keep from the code."""
+def _checked(chapter: str, file: Path, beside: Path | None) -> list[Verdict]:
     asked = of_chapter(chapter)
     if not file.is_file():
         raise ValueError(f"{file}: there is no such file")
@@ -121,7 +116,7 @@ def _checked(
     values = [one.name for one in asked if isinstance(one, ValueExercise)]
     found = run_file(cells, [call_of(one) for one in functions], values, beside)
     guesses = {} if beside is None else first_guesses(beside)
-    return [verdict_of(one, found, guesses.get(one.number)) for one in asked], found.missing
+    return [verdict_of(one, found, guesses.get(one.number)) for one in asked]
 
 
 def cells_of(file: Path) -> list[tuple[str, str]]:
@@ -192,105 +187,90 @@ def as_text(verdicts: Sequence[Verdict]) -> str:
 
 
 def handed_in(folder: Path, table: Path) -> list[Submission]:
-    """What a class has handed in: folders of students, as Moodle makes them as well, and files that
-    lie in no folder, by the names that Canvas gives them.
+    """Return what a class has handed in: folders of students, as Moodle makes them as well, and files
+    that lie in no folder, by the names that Canvas gives them.
 
     Nothing is left out: what cannot be read is there with the reason.
     """
-    everything = sorted(folder.iterdir())
-    all_submissions: list[Submission] = []
+    submissions: list[Submission] = []
     loose = []
-    for path in everything:
+    for path in sorted(folder.iterdir()):
         if path.name.startswith(".") or path.name == "__MACOSX" or path == table:
             continue
         if path.is_symlink():
             wrong = f"{path.name} cannot be read: it is a link"
-            all_submissions.append(Submission(_named(path), None, path, None, wrong))
+            submissions.append(Submission(_named(path), None, path, None, wrong))
         elif path.is_dir():
-            all_submissions += _of_folder(path)
+            try:
+                submissions += _of_folder(path)
+            except (OSError, RecursionError):
+                wrong = f"{path.name} cannot be read"
+                submissions.append(Submission(path.name, None, path, None, wrong))
         elif path.name != "points.csv":
             loose.append(path)
-    return all_submissions + _of_loose(loose)
+    return submissions + _of_loose(loose)
 
 
 def _of_folder(folder: Path) -> list[Submission]:
-    student = folder.name
-    try:
-        files = [
-            path
-            for path in sorted(folder.rglob("*"))
-            if path.suffix.lower() in (".ipynb", ".py")
-            and not any(part.startswith((".", "__")) for part in path.relative_to(folder).parts)
-        ]
-    except (OSError, RecursionError):
-        return [Submission(student, None, folder, None, f"{student}: cannot be read")]
     by_chapter: dict[str, list[Path]] = {}
-    for path in files:
-        match = CANVAS.fullmatch(path.name)
-        chapter = _chapter_of(match["name"] if match else path.name)
-        if chapter is not None:
+    for path in sorted(folder.rglob("*")):
+        hidden = any(part.startswith((".", "__")) for part in path.relative_to(folder).parts)
+        chapter = _chapter_of(path)
+        if chapter is not None and not hidden:
             by_chapter.setdefault(chapter, []).append(path)
     if not by_chapter:
         wrong = "no file like 04_kalman.ipynb is in the folder"
-        return [Submission(student, None, None, None, wrong)]
+        return [Submission(folder.name, None, None, None, wrong)]
     return [
-        _one_of(student, chapter, paths, folder) for chapter, paths in sorted(by_chapter.items())
+        _one_of(folder.name, chapter, paths, folder)
+        for chapter, paths in sorted(by_chapter.items())
     ]
 
 
 def _of_loose(paths: Sequence[Path]) -> list[Submission]:
     """Files in no folder: the student is whom Canvas names, or else the file."""
     matches = {path: CANVAS.fullmatch(path.name) for path in paths}
-    numbers: dict[str, set[str]] = {}
-    for match in matches.values():
-        if match:
-            numbers.setdefault(match["student"], set()).add(match["id"])
+    pairs = {(match["student"], match["id"]) for match in matches.values() if match}
+    names = Counter(student for student, _ in pairs)
     by_task: dict[tuple[str, str | None], list[Path]] = {}
     for path, match in matches.items():
-        student = _named(path)
-        if match:
-            several = len(numbers[match["student"]]) > 1
-            student = f"{match['student']}_{match['id']}" if several else match["student"]
-        chapter = _chapter_of(match["name"] if match else path.name)
-        if path.suffix.lower() not in (".ipynb", ".py"):
-            chapter = None
-        by_task.setdefault((student, chapter), []).append(path)
-    submissions = []
-    for (student, chapter), files in by_task.items():
-        if chapter is None:
-            names = ", ".join(path.name for path in files)
-            wrong = f"{names} cannot be read: its name does not say the chapter, as 04_kalman.ipynb does"
-            submissions.append(Submission(student, None, files[0], None, wrong))
-        else:
-            submissions.append(_one_of(student, chapter, files, None))
-    return submissions
+        student = match["student"] if match else _named(path)
+        if match and names[student] > 1:
+            student = f"{student}_{match['id']}"
+        by_task.setdefault((student, _chapter_of(path)), []).append(path)
+    return [_one_of(student, chapter, files, None) for (student, chapter), files in by_task.items()]
 
 
 def _named(path: Path) -> str:
-    return path.stem if path.suffix.lower() in (".ipynb", ".py") else path.name
+    return path.stem if path.suffix.lower() in SUFFIXES else path.name
 
 
-def _chapter_of(name: str) -> str | None:
-    return name[:2] if name[:2] in CHAPTERS and not name[2:3].isdigit() else None
+def _chapter_of(path: Path) -> str | None:
+    """The chapter that a file's name says; None if it says none."""
+    match = CANVAS.fullmatch(path.name)
+    name = match["name"] if match else path.name
+    says = name[:2] in CHAPTERS and not name[2:3].isdigit()
+    return name[:2] if says and path.suffix.lower() in SUFFIXES else None
 
 
-def _one_of(student: str, chapter: str, paths: Sequence[Path], beside: Path | None) -> Submission:
+def _one_of(
+    student: str, chapter: str | None, paths: Sequence[Path], beside: Path | None
+) -> Submission:
     """The file of a student with a chapter's answers, of all whose names say so."""
-    wrong: str | None
-    if len(paths) > 1:
-        names = ", ".join(path.name for path in paths)
-        several = (
-            f"{names} cannot be read: these are {len(paths)} files, and one counts; remove the rest"
-        )
-        return Submission(student, chapter, paths[0], None, several)
     path = paths[0]
     whole_way = [path, *(place for place in path.parents if beside in place.parents)]
+    names = ", ".join(one.name for one in paths)
     wrong = None
-    if any(place.is_symlink() for place in whole_way):
-        wrong = f"{path.name} cannot be read: it is a link"
+    if chapter is None:
+        wrong = "its name does not say the chapter, as 04_kalman.ipynb does"
+    elif len(paths) > 1:
+        wrong = f"these are {len(paths)} files, and one counts; remove the rest"
+    elif any(place.is_symlink() for place in whole_way):
+        wrong = "it is a link"
     elif not path.is_file():
-        wrong = f"{path.name} cannot be read: it is no file"
-    return Submission(student, chapter, path, beside, wrong)
+        wrong = "it is no file"
+    why = None if wrong is None else f"{names} cannot be read: {wrong}"
+    return Submission(student, chapter, path, beside, why)
 
 
 def check_class(folder: Path, out: Path) -> pd.DataFrame:
@@ -298,8 +278,7 @@ def check_class(folder: Path, out: Path) -> pd.DataFrame:
     as `handed_in` finds them.
 
     What is checked is kept in the class's folder. Stopped and started again, or started again after
-    more was handed in, only what is new is checked. Each line of it has a seal: what somebody else
-    has written there is checked anew.
+    more was handed in, only what is new is checked.
 
     Parameters
     ----------
@@ -313,7 +292,7 @@ def check_class(folder: Path, out: Path) -> pd.DataFrame:
     pandas.DataFrame
         A row a student: the points of each exercise of the chapters that anybody handed in, the
         sum, and what is said of those that are not right. Nothing stands where nothing was handed
-        in. Its attribute ``missing`` names what this system does not keep from the students' code.
+        in.
 
     Raises
     ------
@@ -327,50 +306,43 @@ def check_class(folder: Path, out: Path) -> pd.DataFrame:
     if not any(it.chapter for it in submissions):
         raise ValueError(f"{folder}: no folder in it has a file like 04_kalman.ipynb")
     code = json.dumps({"code": [code_hash(name) for name in _judges()]})
-    seal = _Seal(code)
     now = []
-    missing: set[str] = set()
-    with KeptLines(folder / KEPT, code + "\n", seal.is_line) as lines:
-        done = {(it["student"], it["chapter"], it["hash"]): it for it in _read(lines)}
+    with KeptLines(folder / KEPT, code + "\n", is_line) as lines:
+        done = {_key_of(line): line for line in map(json.loads, lines.lines())}
         for submission in tqdm(submissions, unit="file", disable=None):
-            line, not_kept = _line_of(submission, done)
-            missing |= set(not_kept)
-            key = (line["student"], line["chapter"], line["hash"])
-            if line["hash"] and key not in done:
-                lines.add_line(json.dumps(seal.sealed(line)))
-                done[key] = line
+            line = _line_of(submission, done)
+            if line["hash"] and _key_of(line) not in done:
+                lines.add_line(json.dumps(line))
+                done[_key_of(line)] = line
             now.append(line)
     table = _table(now)
     write_whole(out, table.to_csv(index=False, lineterminator="\n"))
-    table.attrs["missing"] = sorted(missing)
     return table
 
 
-def _line_of(submission: Submission, done: Mapping[tuple, dict]) -> tuple[dict, tuple[str, ...]]:
-    """What is kept of a file, and what the system did not keep from its code."""
+def _key_of(line: Mapping) -> tuple[str, str, str]:
+    return line["student"], line["chapter"], line["hash"]
+
+
+def _line_of(submission: Submission, done: Mapping[tuple, dict]) -> dict:
+    """What is kept of a file; one that cannot be read has no hash, and is looked at again next time."""
     student, chapter, path, beside, wrong = submission
     line: dict = {"student": student, "chapter": chapter, "hash": "", "verdicts": []}
-    missing: tuple[str, ...] = ()
     if wrong is None:
         assert chapter is not None
         assert path is not None
         try:
-            line["hash"] = _hash(path, beside)
-            if (student, chapter, line["hash"]) in done:
-                return done[student, chapter, line["hash"]], ()
-            verdicts, missing = _checked(chapter, path, beside)
-            line["verdicts"] = [one._asdict() for one in verdicts]
+            digest = _hash(path, beside)
+            if (student, chapter, digest) in done:
+                return done[student, chapter, digest]
+            verdicts = _checked(chapter, path, beside)
+            return line | {"hash": digest, "verdicts": [one._asdict() for one in verdicts]}
         except Exception as error:  # whatever one file is, the class goes on
             reason = str(error).removeprefix(f"{path}: ") or type(error).__name__
             wrong = f"{path.name} cannot be read: {reason}"
-    if wrong is not None:
-        line["hash"] = ""  # looked at again next time
-        line["wrong"] = printable(wrong)
-        line["verdicts"] = [
-            Verdict(one.number, False, 0, one.points, "cannot be read")._asdict()
-            for one in (of_chapter(chapter) if chapter else ())
-        ]
-    return line, missing
+    asked = of_chapter(chapter) if chapter else ()
+    verdicts = [Verdict(one.number, False, 0, one.points, "cannot be read") for one in asked]
+    return line | {"wrong": printable(wrong), "verdicts": [one._asdict() for one in verdicts]}
 
 
 def _hash(path: Path, beside: Path | None) -> str:
@@ -381,41 +353,6 @@ def _hash(path: Path, beside: Path | None) -> str:
         if place.is_file() and place.stat().st_size <= LARGEST:
             digest.update(hashlib.sha256(place.read_bytes()).digest())
     return digest.hexdigest()
-
-
-class _Seal:
-    """Marks lines as written here, by a key that lies in the teacher's own folder."""
-
-    def __init__(self, code: str) -> None:
-        self._key = _key() + code.encode()
-
-    def sealed(self, line: Mapping) -> dict:
-        return {**line, "seal": self._of(line)}
-
-    def is_line(self, number: int, text: str) -> bool:
-        if not is_line(number, text):
-            return False
-        line = json.loads(text)
-        seal = str(line.pop("seal", ""))
-        return hmac.compare_digest(seal.encode(), self._of(line).encode())
-
-    def _of(self, line: Mapping) -> str:
-        text = json.dumps(line, sort_keys=True)
-        return hmac.new(self._key, text.encode(), hashlib.sha256).hexdigest()
-
-
-def _key() -> bytes:
-    """The key, which is made once; where it cannot be kept it lasts as long as this process."""
-    path = cache_folder() / "seal"
-    try:
-        if not path.is_file():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            number = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-            with os.fdopen(number, "wb") as file:
-                file.write(secrets.token_bytes(32))
-        return path.read_bytes()
-    except OSError:
-        return secrets.token_bytes(32)
 
 
 def _judges() -> list[str]:
@@ -434,11 +371,6 @@ def is_line(_: int, text: str) -> bool:
         return all(isinstance(Verdict(**one).points, int) for one in line["verdicts"])
     except (ValueError, TypeError, RecursionError):
         return False
-
-
-def _read(kept: KeptLines) -> list[dict]:
-    lines = list(map(json.loads, kept.lines()))
-    return [{name: it for name, it in line.items() if name != "seal"} for line in lines]
 
 
 def _table(lines: Sequence[dict]) -> pd.DataFrame:

@@ -24,8 +24,8 @@ from trinolab.handle import Handle
 from trinolab.methods import DEFAULT, estimator_of
 from trinolab.slave.arm import load_robot
 from trinolab.slave.mapping import MappingParameters, alignment
-from trinolab.slave.session import Session
 
+from ..teleop.session import Session
 from . import sources
 from .loop import NO_FRAME_S, SILENCE_S, Loop
 from .pointing import Pointing

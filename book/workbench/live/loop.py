@@ -18,14 +18,14 @@ import numpy as np
 
 from trinolab import tracker
 from trinolab.checks import Array
-from trinolab.files.devices import Taken
 from trinolab.following import posetracker
 from trinolab.following.parameters import FollowParameters
 from trinolab.following.posetracker import Tracked
 from trinolab.rigid import apart, motion_between, shifted
 from trinolab.slave.mapping import MappingParameters, Sample
-from trinolab.slave.session import TOUCHED_N, Moment, Now, Session, changes
 
+from ..capture.devices import Taken
+from ..teleop.session import TOUCHED_N, Moment, Now, Session, changes
 from . import settings
 from .demonstration import NAME, Demonstration, Seen
 from .pointing import Doing, Pointing

@@ -13,12 +13,12 @@ from scipy.special import chdtri
 
 from trinolab.camera import Camera, Rig
 from trinolab.files.poses import POSE_COLUMNS, pose_row
-from trinolab.following.overlay import camera_view
 from trinolab.following.posetracker import Tracked
 from trinolab.handle import Handle, on_cylinder
 from trinolab.pose import Pose
 from trinolab.slave.arm import Robot
 
+from ..films.overlay import camera_view
 from .loop import Shown
 from .pointing import Doing
 from .settings import SLIDERS

@@ -16,10 +16,11 @@ from threading import Thread
 
 from trinolab.camera import Rig
 from trinolab.files import recorder
-from trinolab.files.capture import Writer, new_folder
-from trinolab.files.devices import Taken
 from trinolab.files.kept import KeptLines
 from trinolab.handle import Handle
+
+from ..capture.capture import Writer, new_folder
+from ..capture.devices import Taken
 
 TIMES, CLUTCH = "timestamps.csv", "clutch.csv"
 

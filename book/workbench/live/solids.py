@@ -8,8 +8,8 @@ import numpy as np
 
 from trinolab.checks import Array
 from trinolab.slave.arm import Robot
-from trinolab.slave.session import Session
 
+from ..teleop.session import Session
 from ..teleop.view import geom_colour, visible_geoms
 
 if TYPE_CHECKING:

@@ -27,9 +27,10 @@ from trinolab.bench.optics import Bench
 from trinolab.bench.scenario import HOLDING
 from trinolab.bench.scene import render_rig, scaled
 from trinolab.camera import Rig
-from trinolab.files.devices import fetched, open_source
 from trinolab.files.recording import Recording, instants
 from trinolab.handle import Handle
+
+from ..capture.devices import fetched, open_source
 
 FROZEN_S = 0.5  # without a new image, or with the same one, a camera is said to have stopped
 RETRY_S = 1.0

@@ -53,7 +53,7 @@ def limits_table() -> str:
         ("the covariance of a rig", _mib(limits.COVARIANCE_BYTES)),
         (
             "an image, a frame of a video",
-            f"{limits.PIXELS / 1e6:.0f} million pixels, by its header",
+            f"{limits.PIXELS / 1e6:.0f} million pixels",
         ),
         ("an image file", _mib(limits.IMAGE_BYTES)),
         (

@@ -27,7 +27,6 @@ TOGETHER = {"trinolab.datasets": "trinolab.files"}  # they import each other's m
 NOT_SHOWN = {
     "trinolab",
     "trinolab.__main__",
-    "trinolab.moved",
     "workbench",
     "workbench.browser",
     "workbench.pages",

@@ -48,19 +48,30 @@ TOP = {
             "datasets",
             "recordings",
             "checks",
+            "memory",
+            "work",
             "workers",
         ],
     ),
     "images": (
         "From frames to matches",
-        ["background", "pixel_loops", "kalman", "image_track", "blobs", "markers", "matching"],
+        [
+            "background",
+            "pixel_loops",
+            "kalman",
+            "image_track",
+            "blobs",
+            "markers",
+            "marker_loops",
+            "matching",
+        ],
     ),
     "pose": (
         "From points to the pose",
         ["triangulation", "pose", "parameters", "methods", "measurement", "tracker", "single"],
     ),
 }
-NOT_SHOWN = ("__main__", "browser", "data", "moved", "pages")
+NOT_SHOWN = ("__main__", "browser", "data", "pages")
 BY_MODULE = ("studies",)  # experiments: their modules are listed, not their functions
 
 

@@ -4,16 +4,15 @@ from it.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from trinolab.datasets import data_path
 from trinolab.files.inputs import get, read_toml
+from trinolab.files.shipped import data_path
 
 ROUNDING = 2e-5  # of all quantities of the errata; none of them is meant to be so small
 STATUSES = ("as printed", "misprint", "ambiguous")
@@ -117,8 +116,8 @@ class Effect:
     unit: str
     printed: float
     corrected: float
-    at_least: float = -np.inf
-    at_most: float = np.inf
+    at_least: float = -math.inf
+    at_most: float = math.inf
 
     def holds(self, value: float) -> bool:
         """Whether a value passes the check; NaN does not."""
@@ -302,9 +301,9 @@ def effect_item(effect: Effect) -> str:
 
 def number_text(value: float) -> str:
     """A number with three digits for a table; what is left of a zero by rounding is a zero."""
-    if np.isnan(value):
+    if math.isnan(value):
         return "undefined"
-    if np.isinf(value):
+    if math.isinf(value):
         return "infinite"
     if abs(value) < ROUNDING:
         return "0"
@@ -314,8 +313,8 @@ def number_text(value: float) -> str:
 def _wanted(effect: Effect) -> str:
     low = number_text(effect.at_least)
     high = number_text(effect.at_most)
-    if np.isinf(effect.at_most):
+    if math.isinf(effect.at_most):
         return f"at least {low}"
-    if np.isinf(effect.at_least):
+    if math.isinf(effect.at_least):
         return high if high == "0" else f"at most {high}"
     return low if low == high else f"{low} to {high}"

@@ -121,8 +121,12 @@ STUDIES = {
         kept=("_build/match_rivals", "finished draws"),
     ),
     "instant_times": Study(
-        "what an instant of a track takes, by SimpleBlobDetector's time: instant_times.csv",
-        tables=("instant_times",),
+        "what an instant of a track takes, by SimpleBlobDetector's time: instant_times.csv, "
+        "instant_films.csv",
+        "make_tables",
+        ("instant_times", "instant_films"),
+        counts={"instants": (10_000, "of all films together")},
+        kept=("_build/instant_times", "finished films"),
         workers=True,
     ),
     "second_renderer": Study(

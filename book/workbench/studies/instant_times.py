@@ -1,19 +1,24 @@
-"""How long an instant of a track takes, beside SimpleBlobDetector on the same images:
-instant_times.csv.
+"""How long an instant of a track takes, beside SimpleBlobDetector on the same images, and how far
+off its pose is: instant_times.csv, instant_films.csv.
 
     python -m workbench.studies instant_times
 
-follows the standard motions again and renews what is `after`; what is `before` stays as it was taken
-with the code of commit `BEFORE`, of which chapter 11b tells. A time is processor time of one core,
-divided by the median that OpenCV's SimpleBlobDetector takes for the images of an instant of the same
-film in the same run: the ratio hangs less on the machine, and on what else it does, than a time.
+follows the standard films again, each in many draws of its noise. A time is processor time of one
+core, divided by the median that OpenCV's SimpleBlobDetector takes for the images of an instant of the
+same film in the same run: the ratio hangs less on the machine, and on what else it does, than a time.
+Of instant_times.csv, the instants of chapter 11b, what is `after` is renewed; what is `before` stays
+as it was taken with the code of commit `BEFORE`.
 """
 
 from __future__ import annotations
 
+import json
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import cv2
@@ -24,19 +29,37 @@ from tqdm import tqdm
 
 from trinolab import tracker
 from trinolab.bench.motion import human_motion
-from trinolab.bench.scenario import HOLDING, Job, Shot, calm, empty, hard, light_of, noisy
+from trinolab.bench.scenario import (
+    HOLDING,
+    Job,
+    Shot,
+    calm,
+    empty,
+    hard,
+    light_of,
+    noisy,
+    seen_markers,
+)
+from trinolab.bench.scene import EXPOSURE_S
 from trinolab.camera import Rig
 from trinolab.checks import Array, as_whole
-from trinolab.datasets import load_handle, load_rig, load_sweep
+from trinolab.datasets import load_handle, load_real_sets, load_rig, load_sweep
+from trinolab.estimators.pixels import prepare
+from trinolab.files.fetch import why_not
+from trinolab.files.kept import KeptLines
 from trinolab.following import posetracker
 from trinolab.following.parameters import FollowParameters
 from trinolab.handle import Handle
 from trinolab.methods import BEST
-from trinolab.metrics import geodesic_deg, position_errors
+from trinolab.metrics import can_be_measured, geodesic_deg, nees, position_errors
 from trinolab.pose import Pose
 
+from ..intervals import TOGETHER, of_series, ratio
+from ..provenance import code_hash
 from ..sweep.engines import as_finished, processes
 from ..teleop import task
+from .real_recordings import at_times, before_the_cameras, load_trajectories
+from .replication import WRONG_DEG, WRONG_MM
 
 BEFORE = "8d064b1"  # where each moving fit drew the handle at up to 20 times of the exposure
 FPS = 30.0
@@ -45,6 +68,8 @@ USUAL_MS, SHORT_MS = 10.0, 6.0  # exposures
 FAST_MM, FAST_HZ, FAST_WAY = 80.0, 1.6, np.array([1.0, 0.3, 0.2])
 FAST_RAD_S, FAST_TURN_HZ = np.array([0.5, 2.0, 1.0]), 0.7
 MIDDLE_MM = np.array([0.0, 0.0, 570.0])  # of the standard scene
+LENS = np.array([-0.2, 0.1, 1e-3, -1e-3, 0.0])  # of `silent`: 12 px in an image's corner
+KEYS = ["motion", "exposure_ms", "seed", "frame"]
 WARM_UP = 3  # instants that are followed before time is taken: what is made once
 
 
@@ -54,45 +79,53 @@ class Film(NamedTuple):
     Attributes
     ----------
     motion : str
-        ``calm`` and ``hard``: see `bench.scenario`; ``fast``; ``task``: see `teleop.task`.
+        ``calm`` and ``hard``: see `bench.scenario`; ``fast``; ``task``: see `teleop.task`;
+        ``silent``: `calm` before lenses with distortion, with a rig file that says nothing of its
+        errors; ``real``: a recorded motion, see `real`.
     exposure_ms : float
     seed : int
     instants : int
+    draws : int
+        How often each instant is taken, each time with other noise.
     """
 
     motion: str
     exposure_ms: float
     seed: int
     instants: int
+    draws: int = 1
 
 
 # A second hand, the step of the light and a covered camera are in the first five seconds of `hard`,
 # darkness, loss and return in the task. Nothing smears the images of `calm` and of the task: one
-# exposure will do.
-ROUND = (
-    ("hard", USUAL_MS, 150),
-    ("hard", SHORT_MS, 150),
-    ("fast", USUAL_MS, 45),
-    ("fast", SHORT_MS, 45),
-    ("calm", USUAL_MS, 70),
-    ("task", USUAL_MS, 225),
+# exposure will do. The last one is the whole of the longest real recording of a motion.
+FILMS = (
+    Film("hard", USUAL_MS, 0, 150),
+    Film("hard", SHORT_MS, 1, 150),
+    Film("fast", USUAL_MS, 0, 45),
+    Film("fast", SHORT_MS, 1, 45),
+    Film("calm", USUAL_MS, 0, 70),
+    Film("task", USUAL_MS, 0, 225),
+    Film("silent", USUAL_MS, 0, 70),
+    Film("real", USUAL_MS, 0, 900),
 )
-INSTANTS = sum(instants for _, _, instants in ROUND)
+IN_CHAPTER = FILMS[:6]  # 11b
 
 
-def films(instants: int = INSTANTS) -> list[Film]:
-    """The standard motions in rounds, each with seeds of its own, until there are so many instants;
-    each film of the last round is cut to its share.
+def films(instants: int = 10_000) -> list[Film]:
+    """The standard films with so many draws of their noise that each has its share of the instants;
+    one that has more instants than that is cut. `real` is left out, with a line that says why, where
+    its recording is not on this machine.
     """
-    left = as_whole(instants, "instants", low=len(ROUND))
-    chosen = []
-    for number in range(-(-left // INSTANTS)):
-        share = min(left / INSTANTS, 1.0)
-        for motion, exposure_ms, whole in ROUND:
-            seed = 2 * number + (exposure_ms == SHORT_MS)
-            chosen.append(Film(motion, exposure_ms, seed, max(round(share * whole), 1)))
-        left -= INSTANTS
-    return chosen
+    share = -(-as_whole(instants, "instants", low=len(FILMS)) // len(FILMS))
+    chosen = [
+        film._replace(instants=min(film.instants, share), draws=-(-share // film.instants))
+        for film in FILMS
+    ]
+    if load_trajectories() is not None:
+        return chosen
+    print(f"real: left out, {why_not(load_real_sets()['trajectories'])}", file=sys.stderr)
+    return [film for film in chosen if film.motion != "real"]
 
 
 def job_of(film: Film) -> Job:
@@ -105,10 +138,15 @@ def job_of(film: Film) -> Job:
         "calm": calm,
         "hard": hard,
         "fast": fast,
+        "silent": calm,
+        "real": real,
     }
     if film.motion not in motions:
         raise ValueError(f"motion: expected one of {', '.join(motions)}, task, got {film.motion}")
     rig = load_rig("raised_40deg")
+    if film.motion == "silent":
+        cameras = tuple(replace(camera, distortions=LENS) for camera in rig.cameras)
+        rig = replace(rig, cameras=cameras, covariance=None)
     times = np.arange(film.instants) / FPS
     shots = motions[film.motion](rig, times, film.seed)
     # the bench's shutter is open for 10 ms: the way of a shorter time is that of a slower motion
@@ -138,6 +176,32 @@ def fast(rig: Rig, times_s: Array, seed: int) -> list[Shot]:
         lights = (1.0,) * len(rig.cameras)
         shots.append(Shot(pose, HOLDING, lights, velocity, turn_rate, False))
     return shots
+
+
+def real(rig: Rig, times_s: Array, seed: int) -> list[Shot]:
+    """A hand that a motion capture recorded for 30 s, at its true pace and size, before the bench's
+    cameras: its way is wider than the images, which it leaves and enters again. Nothing is drawn by
+    `seed`.
+
+    Raises
+    ------
+    ValueError
+        If the recording is not on this machine.
+    """
+    recorded = load_trajectories()
+    if recorded is None:
+        raise ValueError(f"real: {why_not(load_real_sets()['trajectories'])}")
+    moved = before_the_cameras(recorded)
+    begin, middle, end = (
+        at_times(moved, times_s + share * EXPOSURE_S) for share in (0.0, 0.5, 1.0)
+    )
+    velocities = (end.translation - begin.translation) / EXPOSURE_S
+    turns = (end.rotation * begin.rotation.inv()).as_rotvec() / EXPOSURE_S
+    lights = (1.0,) * len(rig.cameras)
+    return [
+        Shot(pose, HOLDING, lights, velocity, turn_rate, False)
+        for pose, velocity, turn_rate in zip(middle, velocities, turns, strict=True)
+    ]
 
 
 def taken(job: Job, draws: int = 1) -> Iterator[Iterator[list[np.ndarray]]]:
@@ -174,6 +238,7 @@ Step = Callable[[Any, Sequence[np.ndarray], float], tuple[Any, Pose]]
 def _best(job: Job, exposure_ms: float) -> tuple[Any, Step]:
     """The follower by pose, with the best estimator: state before the first instant, and step."""
     p = FollowParameters(estimator=BEST, exposure_s=exposure_ms / 1e3)
+    prepare()  # not at the expense of the first instant
 
     def step(state: Any, images: Sequence[np.ndarray], t: float) -> tuple[Any, Pose]:
         state, one = posetracker.step(state, images, t, job.rig, job.handle, p)
@@ -196,7 +261,7 @@ def _chain(job: Job, exposure_ms: float) -> tuple[Any, Step]:
 METHODS = {BEST: _best, "paper's chain": _chain}
 
 
-def followed(film: Film, method: str = BEST, draws: int = 1) -> pd.DataFrame:
+def followed(film: Film, method: str = BEST) -> pd.DataFrame:
     """Follow a film: what each instant takes, and how far off its pose is.
 
     Parameters
@@ -204,25 +269,24 @@ def followed(film: Film, method: str = BEST, draws: int = 1) -> pd.DataFrame:
     film : Film
     method : str
         Of `METHODS`.
-    draws : int
-        How often the film is taken, each time with other noise.
 
     Returns
     -------
     DataFrame
-        A row an instant and draw: `motion`, `exposure_ms`, `seed`, `frame`, `draw`; `ms` of processor
+        One row per instant and draw: `motion`, `exposure_ms`, `seed`, `frame`, `draw`; `ms` of processor
         time, `blobs_ms`, what SimpleBlobDetector takes for the images of the first draw, and `ratio`,
-        of `ms` to its median over the film; `present`, whether there is a handle; `mm` and `deg` by
-        which a measured pose is off, NaN where there is none.
+        of `ms` to its median over the film; `possible`, whether enough markers are seen to measure
+        (`can_be_measured`); `mm` and `deg` by which a measured pose is off, and `nees`, its normalised
+        error squared, NaN where there is none.
     """
     cv2.setNumThreads(1)
     job = job_of(film)
     begin, step = METHODS[method](job, film.exposure_ms)
     detector = blob_detector(job.rig, job.handle)
+    possible = can_be_measured([seen_markers(job, k) for k in range(len(job.shots))])
     rows = []
-    states = [begin] * draws
-    for k, drawn in enumerate(taken(job, draws)):
-        truth = job.shots[k].T_world_handle
+    states = [begin] * film.draws
+    for k, drawn in enumerate(taken(job, film.draws)):
         for draw, images in enumerate(drawn):
             if k == 0 and draw == 0:
                 for ahead in range(WARM_UP):
@@ -241,8 +305,8 @@ def followed(film: Film, method: str = BEST, draws: int = 1) -> pd.DataFrame:
                     "draw": draw,
                     "ms": ms,
                     "blobs_ms": blobs_ms,
-                    "present": truth is not None,
-                    **_errors(pose, truth),
+                    "possible": bool(possible[k]),
+                    **_errors(pose, job.shots[k].T_world_handle),
                 }
             )
     table = pd.DataFrame(rows)
@@ -259,44 +323,157 @@ def _blobs_ms(detector: cv2.SimpleBlobDetector, images: Sequence[np.ndarray]) ->
 
 def _errors(pose: Pose, truth: RigidTransform | None) -> dict[str, float]:
     """By how much a measured pose is off; infinite where there is no handle at all."""
-    if pose.status != "measured" or pose.T_world_handle is None:
-        return {"mm": np.nan, "deg": np.nan}
+    if pose.status != "measured" or pose.T_world_handle is None or pose.covariance is None:
+        return {"mm": np.nan, "deg": np.nan, "nees": np.nan}
     if truth is None:
-        return {"mm": np.inf, "deg": np.inf}
+        return {"mm": np.inf, "deg": np.inf, "nees": np.nan}
     estimate, true = (RigidTransform.concatenate([T]) for T in (pose.T_world_handle, truth))
     return {
         "mm": float(position_errors(estimate, true)[0]),
         "deg": float(geodesic_deg(estimate, true)[0]),
+        "nees": float(nees(pose.T_world_handle, pose.covariance, truth)[0]),
     }
 
 
-def all_followed(chosen: Sequence[Film], method: str, workers: int, draws: int = 1) -> pd.DataFrame:
-    """`followed` for many films, in their order, with a bar of the instants."""
-    tables = {}
-    total = sum(film.instants for film in chosen)
+def each_followed(
+    chosen: Sequence[Film], method: str, workers: int
+) -> Iterator[tuple[Film, pd.DataFrame]]:
+    """`followed` for many films, as they are finished, with a bar of the instants."""
+    total = sum(film.instants * film.draws for film in chosen)
     with (
         processes(workers) as engine,
         tqdm(total=total, unit="instant", desc=method, disable=None) as bar,
     ):
-        for film, future in as_finished(
-            engine, ((film, partial(followed, method=method, draws=draws), film) for film in chosen)
-        ):
-            tables[film] = future.result()
-            bar.update(film.instants)
-    return pd.concat([tables[film] for film in chosen], ignore_index=True)
+        longest_first = sorted(chosen, key=lambda film: -film.instants)
+        calls = ((film, partial(followed, method=method), film) for film in longest_first)
+        for film, future in as_finished(engine, calls):
+            yield film, future.result()
+            bar.update(film.instants * film.draws)
 
 
-KEYS = ["motion", "exposure_ms", "seed", "frame"]
+# --- the tables
 
 
-def make_table(workers: int = 1) -> pd.DataFrame:
-    """A row an instant: the film and the frame; `blobs_ms`, the median that SimpleBlobDetector takes
-    in this film; how many times as long the follower takes, `before` and `after`; and by how much
-    its measured pose is off, `before_mm` and `after_mm`.
+SHARES = {"median": 0.5, "99": 0.99, "999": 0.999, "worst": 1.0}
+
+
+def make_tables(instants: int, workers: int, kept: Path) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The instants of chapter 11b, and one row per film.
+
+    Parameters
+    ----------
+    instants : int
+        Of all films, see `films`.
+    workers : int
+        Processes.
+    kept : Path
+        Folder for finished films.
     """
-    new = all_followed(films(), BEST, workers).rename(columns={"ratio": "after", "mm": "after_mm"})
-    new["blobs_ms"] = new.groupby(KEYS[:3])["blobs_ms"].transform("median")
+    kept.mkdir(parents=True, exist_ok=True)
+    head = json.dumps({"code": code_hash(__name__)})
+    chosen = films(instants)
+    with KeptLines(kept / "films.jsonl", f"{head}\n", lambda _, line: line.endswith("]")) as lines:
+        tables = {Film(*film): pd.DataFrame(rows) for film, rows in map(json.loads, lines.lines())}
+        left = [film for film in chosen if film not in tables]
+        for film, table in each_followed(left, BEST, workers):
+            lines.add_line(json.dumps([film, table.to_dict("list")]))
+            tables[film] = table
+    new = pd.concat([tables[film] for film in chosen], ignore_index=True)
+    return chapter_rows(new), film_rows(new)
+
+
+def chapter_rows(new: pd.DataFrame) -> pd.DataFrame:
+    """One row per instant of the films of chapter 11b, in their first draw: the film and the frame;
+    `blobs_ms`, the median that SimpleBlobDetector takes in this film; how many times as long the
+    follower takes, `before` and `after`; and by how much its measured pose is off, `before_mm` and
+    `after_mm`.
+    """
+    motions = {film.motion for film in IN_CHAPTER}
+    rows = new[(new["draw"] == 0) & new["motion"].isin(motions)]
+    rows = rows.rename(columns={"ratio": "after", "mm": "after_mm"})
+    rows["blobs_ms"] = rows.groupby(KEYS[:3])["blobs_ms"].transform("median")
     before = load_sweep("instant_times")[[*KEYS, "before", "before_mm"]]
-    table = new[[*KEYS, "blobs_ms", "after", "after_mm"]].merge(before, how="left", on=KEYS)
+    table = rows[[*KEYS, "blobs_ms", "after", "after_mm"]].merge(before, how="left", on=KEYS)
     columns = {"blobs_ms": 2, "before": 4, "after": 4, "before_mm": 5, "after_mm": 5}
     return table[[*KEYS, *columns]].round(columns)
+
+
+def film_rows(table: pd.DataFrame) -> pd.DataFrame:
+    """One row per film, and one of all together: `numbers` and `statistics` of their instants.
+
+    The ends of an interval of 95 % (``..._low``, ``..._high``) are by the bootstrap over blocks of
+    half a second, all draws of an instant together; of a film of less than two blocks they are NaN.
+    """
+    parts = [*table.groupby(KEYS[:3], sort=False), (("all", np.nan, None), table)]
+    rows = []
+    for key, part in parts:
+        row = dict(zip(KEYS[:3], key, strict=True)) | numbers(part)
+        for name, (values, statistic) in statistics(part).items():
+            low, high, _ = of_series(values, statistic, TOGETHER)
+            row |= {name: statistic(values), f"{name}_low": low, f"{name}_high": high}
+        rows.append(row)
+    return pd.DataFrame(rows).astype({"seed": "Int64"}).round(5)
+
+
+def numbers(rows: pd.DataFrame) -> dict[str, float]:
+    """Of some instants: how many, the `draws` of their noise, `wrong` poses, off by more than 2 mm or
+    5 deg; median, 99 %, 99.9 % and worst of the processor time, ms, the median that SimpleBlobDetector
+    takes, `blobs_ms`, and the worst ratio to that.
+    """
+    times = {f"ms_{name}": np.quantile(rows["ms"], share) for name, share in SHARES.items()}
+    return {
+        "n": len(rows),
+        "draws": rows["draw"].nunique(),
+        "wrong": int(((rows["mm"] > WRONG_MM) | (rows["deg"] > WRONG_DEG)).sum()),
+        "blobs_ms": rows["blobs_ms"].median(),
+        **times,
+        "ratio_worst": rows["ratio"].max(),
+    }
+
+
+def statistics(rows: pd.DataFrame) -> dict[str, tuple[Array, Callable[[Array], float]]]:
+    """Statistics that are given with an interval, and the values, one row per instant, that each is taken
+    of: quantiles of the ratio, the share that is `measured` of the possible instants, %, mean and root mean
+    square of the errors, the mean NEES (6 if the covariances are right).
+    """
+    ratios = rows.pivot_table(index=KEYS, columns="draw", values="ratio", sort=False).to_numpy()
+    computed: dict[str, tuple[Array, Callable[[Array], float]]] = {
+        f"ratio_{name}": (ratios, partial(np.nanquantile, q=share))
+        for name, share in SHARES.items()
+        if share < 1
+    }
+    is_measured = np.isfinite(rows["mm"])
+
+    def sums(values: pd.Series, counted: pd.Series) -> Array:
+        pairs = rows[KEYS].assign(total=values.where(counted, 0.0), count=counted)
+        return pairs.groupby(KEYS, sort=False)[["total", "count"]].sum().to_numpy(float)
+
+    computed["measured"] = sums(100.0 * is_measured, rows["possible"]), ratio
+    for unit in ("mm", "deg"):
+        computed[f"mean_{unit}"] = sums(rows[unit], is_measured), ratio
+        computed[f"rms_{unit}"] = (
+            sums(rows[unit] ** 2, is_measured),
+            lambda pairs: ratio(pairs) ** 0.5,
+        )
+    computed["nees"] = sums(rows["nees"], is_measured), ratio
+    return computed
+
+
+def by_film(table: pd.DataFrame) -> pd.DataFrame:
+    """The shipped table of the films for a reader: times in ms, errors as root mean squares."""
+    exposures = table["exposure_ms"].map(lambda ms: "" if np.isnan(ms) else f", {ms:g} ms")
+    return pd.DataFrame(
+        {
+            "film": table["motion"] + exposures,
+            "n": table["n"],
+            "median / ms": table["ms_median"],
+            "99 %": table["ms_99"],
+            "99.9 %": table["ms_999"],
+            "worst": table["ms_worst"],
+            "rms mm": table["rms_mm"],
+            "rms deg": table["rms_deg"],
+            "NEES": table["nees"],
+            "measured / %": table["measured"],
+            "wrong": table["wrong"],
+        }
+    )

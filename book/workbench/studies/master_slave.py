@@ -21,7 +21,8 @@ from trinolab.slave import oneeuro
 from trinolab.slave.arm import TOOL, Reading, Robot, forward, load_robot
 from trinolab.slave.control import MARGIN, TICK_S, ReferenceParameters
 from trinolab.slave.mapping import MappingParameters, Sample, State
-from trinolab.slave.session import Session
+
+from ..teleop.session import Session
 
 REST_S = 1.5
 # the block's side towards the arm's home, in the shipped model

@@ -18,7 +18,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.linalg import rq
 from scipy.spatial import cKDTree
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform, Rotation, Slerp
 
 from trinolab.calibration.adjust import Calibrated, calibrate
 from trinolab.calibration.target import Board, find_corners
@@ -154,6 +154,21 @@ def load_trajectories(fetch: bool = False) -> Trajectory | None:
     )
     poses = RigidTransform.from_components(rows[:, 1:4] * 1e3, Rotation.from_quat(rows[:, 4:]))
     return Trajectory(frozen(rows[:, 0] - rows[0, 0]), poses)
+
+
+def at_times(recorded: Trajectory, times_s: Array) -> RigidTransform:
+    """The poses between the recorded ones, on straight lines and at even turns, at times (n,), s."""
+    places = [np.interp(times_s, recorded.t_s, axis) for axis in recorded.poses.translation.T]
+    turns = Slerp(recorded.t_s, recorded.poses.rotation)(times_s)
+    return RigidTransform.from_components(np.column_stack(places), turns)
+
+
+def before_the_cameras(recorded: Trajectory) -> Trajectory:
+    """The motion with its middle in that of the standard scene, where it is upright in the mean."""
+    places, turns = recorded.poses.translation, recorded.poses.rotation
+    upright = Rotation.from_euler("Z", 180, degrees=True) * turns.mean().inv()
+    middle = np.median(places, axis=0) - [0.0, 0.0, 570.0]
+    return recorded._replace(poses=RigidTransform.from_components(places - middle, upright * turns))
 
 
 def grey(path: Path) -> np.ndarray:

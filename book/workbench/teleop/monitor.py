@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike
 
 from trinolab.camera import Camera
 from trinolab.checks import as_array, as_image, as_number
-from trinolab.following.overlay import STATUS_COLOURS, camera_view
 from trinolab.following.posetracker import Tracked
 from trinolab.lens import as_size
+
+from ..films.overlay import STATUS_COLOURS, camera_view
 
 NOTHING = "--"
 PLAIN = (240, 240, 240)

@@ -27,7 +27,6 @@ from trinolab.files.outputs import write_together
 from trinolab.files.poses import pose_table, poses_text
 from trinolab.files.recording import Frames, instants, open_folder
 from trinolab.files.rigs import read_camera, read_handle, read_rig
-from trinolab.files.video import Film
 from trinolab.following import posetracker
 from trinolab.following.parameters import FollowParameters
 from trinolab.handle import Handle
@@ -35,9 +34,10 @@ from trinolab.methods import DEFAULT, estimator_of
 from trinolab.pose import Pose
 from trinolab.slave.arm import joint_values, load_robot
 from trinolab.slave.mapping import MappingParameters, Sample, alignment
-from trinolab.slave.session import Log, Moment, Session
 
+from ..films.video import Film
 from .monitor import SIZE, Readings, blue_first, monitor_picture
+from .session import Log, Moment, Session
 
 log = logging.getLogger("trinolab")
 

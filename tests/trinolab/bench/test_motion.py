@@ -4,12 +4,12 @@ formulas.
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import RigidTransform, Rotation, Slerp
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.motion import human_motion, motion_at, random_pose, smooth_motion
 from trinolab.datasets import load_real_sets, real_set
 from trinolab.files.fetch import why_not
-from workbench.studies.real_recordings import load_trajectories
+from workbench.studies.real_recordings import at_times, load_trajectories
 
 LIMITS = np.array([[-90, 90], [-60, 60], [520, 620]])
 
@@ -168,13 +168,9 @@ def quantiles(poses, step_s):
     reason=f"no trajectories: {why_not(load_real_sets()['trajectories'])}",
 )
 def test_the_pace_is_read_from_a_handheld_recording():
-    times, poses = load_trajectories()
-    every = np.arange(0, times[-1], 1 / 30)
-    turns = Slerp(times, poses.rotation)(every)
-    places = np.column_stack([np.interp(every, times, axis) for axis in poses.translation.T])
-    np.testing.assert_allclose(
-        quantiles(RigidTransform.from_components(places, turns), 1 / 30), HELD, rtol=0.005
-    )
+    recorded = load_trajectories()
+    every = np.arange(0, recorded.t_s[-1], 1 / 30)
+    np.testing.assert_allclose(quantiles(at_times(recorded, every), 1 / 30), HELD, rtol=0.005)
 
 
 def test_human_motion_has_the_speeds_and_turn_rates_of_a_person():

@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from healthy import run
 from processes import CLI, GATE, ended, open_gate, started, wait_until
-from scipy.spatial.transform import RigidTransform, Slerp
+from scipy.spatial.transform import RigidTransform
 
 from trinolab.bench import recordings, scenario
 from trinolab.bench.hand import true_visibility
@@ -24,7 +24,7 @@ from trinolab.files.fetch import why_not
 from trinolab.files.poses import read_poses, transforms, truth_table, write_poses
 from trinolab.files.recording import instants, open_folder, read_timestamps
 from trinolab.files.rigs import write_handle, write_rig
-from workbench.studies.real_recordings import load_trajectories
+from workbench.studies.real_recordings import at_times, before_the_cameras, load_trajectories
 
 CODED = load_handle("coded")
 SMALL = replace(
@@ -336,13 +336,8 @@ def test_a_files_own_times_are_kept(folder):
     reason=f"no trajectories: {why_not(load_real_sets()['trajectories'])}",
 )
 def test_a_real_trajectory_can_be_followed(folder):
-    times, poses = load_trajectories()
     every = np.arange(4, 28, 4.0)
-    turns = Slerp(times, poses.rotation)(every)
-    places = np.column_stack([np.interp(every, times, axis) for axis in poses.translation.T])
-    path = RigidTransform.from_components(
-        places - np.median(poses.translation, axis=0) + [0, 0, 570], turns
-    )
+    path = at_times(before_the_cameras(load_trajectories()), every)
     write_poses(truth_table(path).assign(t_s=every), "path.csv")
     truth = rendered("out", "path.csv", None)
     # mm; nine digits

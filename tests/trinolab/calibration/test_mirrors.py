@@ -61,8 +61,7 @@ def views_of(target, mirrored):
     names = tuple("abc"[: len(mirrored)])
     views = tuple(map(str, range(VIEWS)))
     sizes = (SIZE,) * len(names)
-    without = tuple([] for _ in names)
-    return TargetViews(names, sizes, views, uv, ~nothing, 0, without, nothing, in_mirror)
+    return TargetViews(names, sizes, views, uv, ~nothing, 0, nothing, in_mirror)
 
 
 @pytest.mark.parametrize("target", [CHESSBOARD, TURNED, TWO_WAYS, CIRCLES, CHARUCO], ids=str)

@@ -136,6 +136,24 @@ def test_older_names_and_other_units_are_read():
     np.testing.assert_allclose(read_corners("old.csv", TARGET, size=SIZE).uv, pixels(), atol=1e-9)
 
 
+@pytest.mark.usefixtures("folder")
+def test_a_plain_table_of_points_is_read():
+    rows = np.argwhere(np.isfinite(pixels()[..., 0]))
+    table = pd.DataFrame(rows, columns=["camera", "view", "point"])
+    table[["u", "v"]] = pixels()[tuple(rows.T)]
+    table.to_csv("points.csv", index=False)
+    seen = read_corners("points.csv", TARGET, size=SIZE)
+    np.testing.assert_allclose(seen.uv, pixels(), atol=1e-9)
+    assert (seen.times.tolist(), seen.time_unit) == (list(range(COUNT)), "frames")
+
+
+@pytest.mark.usefixtures("folder")
+def test_a_camera_without_a_point_is_refused():
+    Path("none.pickle").write_bytes(pickle.dumps([*anipose_rows(pixels()), []]))
+    with pytest.raises(ValueError, match=r"none\.pickle: has no point of one of its cameras"):
+        read_corners("none.pickle", TARGET, size=SIZE)
+
+
 def test_sizes_and_names_beside_a_table(folder):
     (folder / "camera_array.toml").write_text(
         "[cameras.0]\nsize = [480, 360]\n[cameras.1]\nsize = [640, 360]\n", encoding="utf-8"
@@ -180,7 +198,7 @@ def changed(**columns):
         ),
         (changed().drop(columns="img_loc_x"), TARGET, "column 'img_loc_x' is missing"),
         (changed().drop(columns="cam_id"), TARGET, "column 'cam_id' is missing"),
-        (changed(img_loc_x="left"), TARGET, "expected numbers in cam_id, sync_index"),
+        (changed(img_loc_x="left"), TARGET, "expected numbers in the columns of cameras"),
         (changed(cam_id=0), TARGET, "points of two or more cameras, at most 100, got 1"),
         (
             changed(cam_id=range(len(changed()))),
@@ -190,7 +208,7 @@ def changed(**columns):
         (
             changed()[:0].assign(cam_id=pd.Series(dtype=int)),
             TARGET,
-            "expected numbers in|has no point",
+            "expected numbers in the columns|has no point",
         ),
         (changed(sync_index=1e300), TARGET, r"expected numbers up to 1e\+12"),
     ],

@@ -47,20 +47,13 @@ def test_many_images_without_a_target_are_refused_by_a_few(kind, tmp_path, looke
             writer.release()
     says = (
         "images of a, b: target (chessboard, 7 x 6 inner corners) found in none of 12, spread evenly over "
-        "all 60; expected it in most"
+        "all 60; expected it in most; tried dark on light and light on dark: check --board, --columns and "
+        "--rows, which count inner corners, and that the board is whole and sharp"
     )
     with pytest.raises(ValueError, match=f"^{re.escape(says)}$"):
         calibrate_rig(sources, CHESSBOARD, "rig.toml")
     assert len(looked_at) == 12
     assert not any(tmp_path.glob("rig*"))
-
-
-def test_the_other_board_that_all_images_show_is_named(tmp_path, looked_at):
-    frames = board_frames(4)
-    write_views(tmp_path, [[of[k % 4] for k in range(30)] for of in frames])
-    with pytest.raises(ValueError, match=r"in most; with --columns 7 --rows 6 it is found in 5 of"):
-        calibrate_rig(FOLDERS, Target("chessboard", 8, 6, 15.0), "rig.toml")
-    assert len(looked_at) == 12
 
 
 def test_a_set_whose_first_images_are_empty_is_looked_at_whole(tmp_path, looked_at):

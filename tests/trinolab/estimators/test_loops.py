@@ -126,7 +126,6 @@ FITS = """
 import numpy as np
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.pixels import fit_patches
-from trinolab.markers import markers_at
 import test_loops
 for scale in (0.35, 1.0, 3.0):  # windows of 15, 27 and 63 px
     rig = test_loops.scaled(scale)

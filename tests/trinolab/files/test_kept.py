@@ -231,42 +231,25 @@ def test_a_full_disk_is_named_and_leaves_no_file_without_lines(path):
         assert lines.lines() == ["0", "1"]
 
 
-# Writes into a folder beside the target, says so, and waits for its end.
-STAGES = """
+# Takes the lock, says so, and waits for its end.
+LOCKS = """
 import time
 from pathlib import Path
 from trinolab.files.kept import sole_writer
-staged = Path.cwd() / ".new.partial"
-with sole_writer("new", staged=staged):
-    (staged / "deep").mkdir(parents=True)
-    (staged / "deep" / "file").write_text("half")
+with sole_writer("new"):
     Path("ready").touch()
     while True:
         time.sleep(0.01)
 """
 
 
-def test_what_a_killed_writer_has_staged_is_removed_with_its_lock(tmp_path):
-    with started("", STAGES) as process:
+def test_the_lock_of_a_killed_writer_is_taken_over(tmp_path):
+    with started("", LOCKS) as process:
         wait_until((tmp_path / "ready").exists, process)
-        assert (tmp_path / ".new.partial" / "deep" / "file").exists()
+        with pytest.raises(ValueError, match="another process works on it"), sole_writer("new"):
+            pass
         process.send_signal(signal.SIGKILL)
         ended(process)
-    wait_until(lambda: {path.name for path in tmp_path.iterdir()} == {"ready"})
-
-
-def test_what_a_writer_has_staged_is_its_own_if_it_is_not_killed(tmp_path):
-    staged = tmp_path / ".new.partial"
-    with sole_writer("new", staged=staged):
-        staged.mkdir()
-    assert [path.name for path in tmp_path.iterdir()] == [".new.partial"]
-
-
-def test_without_a_second_process_a_writer_works_all_the_same(tmp_path, monkeypatch):
-    def none(*_, **__):
-        raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
-
-    monkeypatch.setattr(kept.subprocess, "Popen", none)
     with sole_writer("new"):
         Path("new").touch()
-    assert [path.name for path in tmp_path.iterdir()] == ["new"]
+    assert {path.name for path in tmp_path.iterdir()} == {"new", "ready"}

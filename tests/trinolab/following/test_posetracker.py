@@ -26,6 +26,7 @@ from trinolab.following.posefilter import PoseFilterParameters
 from trinolab.pose import LOST
 from trinolab.rigid import apart, motion_between, shifted
 from trinolab.default_covariance import usual_covariance
+from trinolab.work import Work
 from workbench.studies.broken import jpeg
 
 RIG, CODED, PAPER = load_rig("raised_40deg"), load_handle("coded"), load_handle("paper")
@@ -341,23 +342,58 @@ def test_markers_that_are_smeared_into_one_another_are_told_apart(turn_deg, star
         assert away @ np.linalg.solve(fit.covariance, away) < 25.0  # chi-square of six, 99.97 %
 
 
-@pytest.mark.parametrize("most", [1, 2, 5])
-def test_an_instant_is_fitted_so_often_and_no_more(most, monkeypatch):
-    """Whatever a fit says; the handle has jumped, so that further guesses are tried."""
+def test_a_fit_whose_work_is_spent_gives_its_pose_so_far():
+    """With a wider covariance; none where there is no work for a step."""
+    velocity = np.array([400.0, 200.0, 0.0, 0.5, 0.5, 0.5])
+    frames = smeared_images(CODED, FIRST, velocity, np.random.default_rng(0))
+    start = shifted(FIRST, [0.3, -0.2, 0.3, 0.003, 0.003, -0.002])
+    expected = (0.01 * velocity, np.diag(np.repeat([1.0, 0.01], 3) ** 2))
+    whole = Work(1e3)
+    ends = fit_patches(frames, RIG, CODED, start, motion_blur=expected, work=whole)
+    used = 1e3 - whole.left
+    cut = fit_patches(frames, RIG, CODED, start, motion_blur=expected, work=Work(0.6 * used))
+    assert np.trace(cut.covariance) > np.trace(ends.covariance)
+    away = motion_between(cut.T_world_handle, FIRST)
+    assert away @ np.linalg.solve(cut.covariance, away) < 25.0  # chi-square of six, 99.97 %
+    none = Work(1.0)
+    assert fit_patches(frames, RIG, CODED, start, motion_blur=expected, work=none) is None
+    assert none.left == 1.0
+
+
+@pytest.mark.parametrize(("share", "most"), [(1.0, 1), (0.8, 1), (0.5, 2), (0.1, 3)])
+def test_an_instant_begins_no_guess_without_its_work(share, most, monkeypatch):
+    """Whatever a fit says, which takes a share of the work; the handle has jumped, so that further
+    guesses are tried: shifted, and from a search of the whole images.
+    """
     state, _ = posetracker.step(posetracker.start(-1.0), clip(CODED, 1)[0], 0.0, RIG, CODED, BEST)
     jumped = render_rig(RIG, CODED, path(6), Bench(), np.random.default_rng(0))
-    fits = []
+    guesses = []
 
     def in_vain(*arguments):
-        fits.append(look_module.follow(*arguments)._replace(pose=LOST, fits=1))
-        return fits[-1]
+        arguments[-1].left -= share * BEST.most_work
+        guesses.append(look_module.follow(*arguments[:-1])._replace(pose=LOST))
+        return guesses[-1]
 
     monkeypatch.setattr(posetracker, "follow", in_vain)
-    p = replace(BEST, most_fits=most)
-    _, tracked = posetracker.step(state, jumped, 1 / FPS, RIG, CODED, p)
-    assert tracked.measurement.pose.status == "predicted"
-    assert len(fits) == min(most, len(fits))
-    assert len(fits) >= min(most, 2)
+    _, one = posetracker.step(state, jumped, 1 / FPS, RIG, CODED, BEST)
+    assert one.measurement.pose.status == "predicted"
+    assert len(guesses) == most
+
+
+def test_a_track_is_the_same_to_the_last_bit():
+    """Where its work is spent as well: no time is taken."""
+    rng = np.random.default_rng(1)
+    frames = [render_rig(RIG, CODED, path(3 * k), Bench(), rng) for k in range(4)]
+    for most in (50.0, BEST.most_work):
+        p = replace(BEST, most_work=most)
+        once, again = (tracked(frames, CODED, path(0), p) for _ in range(2))
+        for one, other in zip(once, again, strict=True):
+            a, b = one.measurement.pose, other.measurement.pose
+            assert a.status == b.status
+            assert (a.T_world_handle is None) == (b.T_world_handle is None)
+            if a.T_world_handle is not None:
+                assert (a.T_world_handle.as_matrix() == b.T_world_handle.as_matrix()).all()
+                assert (a.covariance == b.covariance).all()
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,8 @@ from trinolab.identity.hypotheses import Explained, Observed, Poses
 from trinolab.identity.layout import layout_of, views_of
 from trinolab.identity.parameters import IdentityParameters
 from trinolab.identity.scoring import judge, rivals, shape_misfit
+from trinolab.identity.search import SINGLE_UNITS
+from trinolab.work import Work
 
 P = IdentityParameters()
 NEARLY = Handle(
@@ -148,6 +150,28 @@ def test_one_camera_is_enough(camera):
             options = identify(TRIO, CODED, without(found, *others), axes_px=without(axes, *others))
             assert_identified(options, T, without(index, *others))
             assert options[0].cameras == (camera,)
+
+
+def test_a_search_that_is_cut_short_goes_on_where_it_ended():
+    """Two cameras look elsewhere, see more blobs than the third one markers, and are tried first."""
+    around = RigidTransform.from_rotation(Rotation.from_euler("y", 180, degrees=True))
+    away = [replace(camera, T_cam_world=around * camera.T_cam_world) for camera in TRIO.cameras[:2]]
+    rig = Rig((*away, TRIO.cameras[2]))
+    T, rng = next(good_poses(CODED, 1, 4, TRIO))
+    found, axes, _ = views(T, CODED, rng, TRIO, noise_px=0.03)
+    blobs = [rng.uniform(300, 700, (12, 2)) for _ in away]
+    found = (*blobs, found[2])
+    axes = (*(np.tile([12.0, 10.0], (12, 1)) for _ in away), axes[2])
+    whole = identify(rig, CODED, found, axes_px=axes)
+    assert apart_deg(whole[0].T_world_handle, T) < 5.0
+    cursor, tried = 0, []
+    while not tried or not tried[-1]:
+        work = Work(2 * SINGLE_UNITS, cursor)
+        tried.append(identify(rig, CODED, found, axes_px=axes, work=work))
+        assert 0 <= work.left < 2 * SINGLE_UNITS
+        cursor = work.cursor
+    assert 1 < len(tried) < 5
+    assert apart_deg(tried[-1][0].T_world_handle, T) < 5.0
 
 
 def test_cameras_that_see_different_markers_go_together():

@@ -24,6 +24,7 @@ from workbench.accept.numbers import CLOCK, LARGEST, OWN, Answer, Number, far_co
 from workbench.accept.sheet import Sheet, contents, digits, read_sheet
 from workbench.accept.work import Found, Kept, Part, Source
 from workbench.studies.broken import FAULTS
+from workbench.studies.instant_times import by_film
 from workbench.studies.second_renderer import side_by_side
 from workbench.studies.stress import by_fault
 
@@ -242,6 +243,17 @@ def test_readme_shows_the_shipped_sheet():
     assert len(rows) >= 8
     for name, *values in rows:
         assert tuple(values) in texts, name
+
+
+def test_page_begins_with_the_times_of_instants_beside_errors_nees_and_share(made):
+    text = Read(made[1][sheet.PAGE]).text
+    face = text.split("What these numbers are.")[0]
+    films = by_film(load_sweep("instant_films"))
+    for name in films:
+        assert name in face
+    for row in films.itertuples(index=False):
+        assert row[0] in face
+        assert all(digits(value) in face for value in row if isinstance(value, float))
 
 
 # --- the control chart

@@ -50,6 +50,7 @@ COMMANDS = (
     "clear",
     "scoreboard",
 )
+HEAVY = {"numpy", "scipy", "pandas", "cv2"}
 SIZE = (32, 24)
 MEASURE = "measure --rig rig.toml --handle handle.toml --images images --out poses.csv"
 EVALUATE = "evaluate found.csv truth.csv --handle handle.toml"
@@ -224,7 +225,7 @@ def test_scoreboard_fails_where_a_verdict_is_not_the_declared_one(monkeypatch, c
             "teleop --live-simulation --rig R --handle H --out o",
             "workbench.teleop.teleoperate.simulated",
         ),
-        ("capture --camera a=0 --rig R --handle H --out o", "trinolab.files.capture.capture"),
+        ("capture --camera a=0 --rig R --handle H --out o", "workbench.capture.capture.capture"),
         ("measure --rig R --handle H --images i --out o", "workbench.cli.measure.measure_folder"),
         ("evaluate p.csv t.csv --handle H", "trinolab.evaluation.evaluate"),
     ],
@@ -457,7 +458,15 @@ def test_the_script_is_installed(folder):
 def test_help_and_interruption_do_not_wait_for_heavy_imports():
     code = "import sys, json, workbench.cli; print(json.dumps(sorted(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert not {"numpy", "scipy", "pandas", "cv2"} & set(json.loads(done.stdout))
+    assert not HEAVY & set(json.loads(done.stdout))
+
+
+def test_the_place_of_an_equation_is_said_without_heavy_imports():
+    code = (
+        "import sys, workbench.cli as c; c.main(['eq', '18']); print(*sys.modules, file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not HEAVY & set(done.stderr.split())
 
 
 @pytest.mark.parametrize(("call", "frozen"), [("", False), ("workbench.cli.main(['eq'])", True)])

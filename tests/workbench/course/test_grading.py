@@ -46,7 +46,7 @@ def test_without_processes_the_verdict_is_the_same(monkeypatch, answer):
     in_a_process = check("04.2", answer)
     in_a_process_text = repr(in_a_process)
     monkeypatch.setattr(running, "HAS_PROCESSES", False)
-    monkeypatch.setattr(running, "_Process", None)  # nothing is started
+    monkeypatch.setattr(running, "_run", None)  # nothing is started
     here = check("04.2", answer)
     assert here == in_a_process
     assert "marks" not in in_a_process_text

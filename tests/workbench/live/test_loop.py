@@ -18,13 +18,13 @@ from trinolab.measurement import Measurement
 from trinolab.pose import Pose
 from trinolab.slave.arm import load_robot
 from trinolab.slave.mapping import JUMP, MappingParameters
-from trinolab.slave.session import Session
 from workbench.live import loop as live_loop
 from workbench.live import settings
 from workbench.live.loop import WAIT_S
 from workbench.live.picture import message
 from workbench.live.pointing import GO, MARK
 from workbench.live.sources import HOME, Latest
+from workbench.teleop.session import Session
 
 FRAME_S = 1 / 30
 TICK_S = 0.008

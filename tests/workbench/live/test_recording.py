@@ -16,10 +16,10 @@ from sentences import BUSY
 
 from trinolab.bench.recordings import render
 from trinolab.files import recorder as files
-from trinolab.files.capture import capture
-from trinolab.files.devices import Taken
 from trinolab.files.kept import locked
 from trinolab.files.recording import instants, open_folder
+from workbench.capture.capture import capture
+from workbench.capture.devices import Taken
 from workbench.live import recording
 from workbench.live.recording import Recorder
 from workbench.teleop.teleoperate import recorded
@@ -140,7 +140,7 @@ import sys
 sys.path[:0] = {path!r}
 from pathlib import Path
 from livepage import HANDLE, HELD, RIG
-from trinolab.files.devices import Taken
+from workbench.capture.devices import Taken
 from workbench.live.recording import Recorder
 recorder = Recorder(Path("."), RIG, HANDLE)
 recorder.start()
@@ -212,7 +212,7 @@ def test_an_image_without_its_time_is_no_instant(tmp_path):
 
 
 def test_what_the_disk_cannot_take_is_dropped_and_the_rest_is_in_order(tmp_path, monkeypatch):
-    monkeypatch.setattr("trinolab.files.capture.QUEUE", 2)
+    monkeypatch.setattr("workbench.capture.capture.QUEUE", 2)
     monkeypatch.setattr(files, "write_image", _slow(files.write_image, gate := []))
     recorder = Recorder(tmp_path, RIG, HANDLE)
     recorder.start()

@@ -16,9 +16,9 @@ from livepage import HANDLE, RIG, Bench, Live, shows
 
 from trinolab.pose import Pose
 from trinolab.slave.arm import load_robot
-from trinolab.slave.session import Session
 from workbench.live.picture import ellipsoid, scene
 from workbench.live.solids import body_poses, shapes
+from workbench.teleop.session import Session
 
 Q = [0.4, -1.1, 1.7, -1.9, -1.3, 0.6]  # rad
 MESH = """<mujoco><asset><mesh name="wedge" vertex="0 0 0  0.2 0 0  0 0.1 0  0 0 0.3"/></asset>

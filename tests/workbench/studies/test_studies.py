@@ -37,7 +37,6 @@ def asked(monkeypatch):
         ("elevation", [], "sweep_elevation", {}),
         ("fitts", [], "make_table", {}),
         ("webcams", [], "make_table", {}),
-        ("instant_times", ["--workers", "5"], "make_table", {"workers": 5}),
         ("second_renderer", ["--kept", "k"], "make_table", {"kept": Path("k")}),
         ("second_renderer", [], "make_table", {"kept": Path("_build/second")}),
         (
@@ -89,12 +88,24 @@ def test_a_study_of_one_table_writes_it_under_its_own_name(
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / f"{study}.csv"), FOUND)
 
 
-def test_the_budget_writes_each_of_its_tables_under_its_name(tmp_path, asked):
-    tables = [FOUND.assign(x=number) for number in range(4)]
-    assert asked("budget", "make_tables", tables) == []
-    assert main(["budget", "--out", str(tmp_path), "--draws", "7"]) == 0
-    written = [pd.read_csv(tmp_path / f"{name}.csv")["x"].iloc[0] for name in MAKES["budget"]]
-    assert written == [0, 1, 2, 3]
+@pytest.mark.parametrize(
+    ("study", "options", "named"),
+    [
+        ("budget", ["--draws", "7"], {"draws": 7}),
+        (
+            "instant_times",
+            ["--kept", "k", "--instants", "80", "--workers", "5"],
+            {"instants": 80, "workers": 5, "kept": Path("k")},
+        ),
+    ],
+)
+def test_several_tables_are_written_each_under_its_name(tmp_path, asked, study, options, named):
+    tables = [FOUND.assign(x=number) for number in range(len(MAKES[study]))]
+    arguments = asked(study, "make_tables", tables)
+    assert main([study, "--out", str(tmp_path), *options]) == 0
+    assert arguments == [((), named)]
+    written = [pd.read_csv(tmp_path / f"{name}.csv")["x"].iloc[0] for name in MAKES[study]]
+    assert written == list(range(len(tables)))
 
 
 def test_the_trials_are_told_both_tables_and_which_of_them_to_make(tmp_path, asked):

@@ -9,12 +9,12 @@ from films import frames_in
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.datasets import load_rig
-from trinolab.files.video import Film, PageVideo
-from trinolab.following.overlay import camera_view
 from trinolab.following.posetracker import Tracked
 from trinolab.measurement import Measurement
 from trinolab.pose import LOST, Pose
 from trinolab.window import Window
+from workbench.films.overlay import camera_view
+from workbench.films.video import Film, PageVideo
 from workbench.teleop.monitor import Readings, blue_first, monitor_picture, slave_size
 
 CAMERAS = load_rig("raised_40deg").cameras

@@ -141,7 +141,7 @@ def test_the_arm_follows_its_reference_within_three_milliseconds():
     """Why the servos are left out: 1 ms at 100 mm/s (n = 1, no noise)."""
     pytest.importorskip("mujoco", reason="extra slave is not installed")
     from trinolab.slave.arm import load_robot
-    from trinolab.slave.session import Session
+    from workbench.teleop.session import Session
 
     session = Session(load_robot())
     ticks = []

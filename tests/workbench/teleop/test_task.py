@@ -16,9 +16,9 @@ from trinolab.files.poses import read_poses
 from trinolab.files.rigs import read_camera
 from trinolab.slave.arm import load_robot
 from trinolab.slave.mapping import MappingParameters, Sample, alignment
-from trinolab.slave.session import Log, Session
 from workbench.cli import main
 from workbench.teleop import task
+from workbench.teleop.session import Log, Session
 from workbench.teleop.teleoperate import Done
 
 IN_ORDER = [

@@ -17,7 +17,7 @@ MISSING = {
     "mujoco": "MuJoCo simulates the arm in compiled code that no browser has",
     "pyvista": "PyVista draws its scenes with VTK, which no browser has",
     "mink": "the arm's inverse kinematics need MuJoCo",
-    "numba": "the fit by pixels is compiled by Numba, which no browser has",
+    "numba": "tracking and the fit by pixels are compiled by Numba, which no browser has",
     "mitsuba": "Mitsuba renders in compiled code that no browser has",
 }
 

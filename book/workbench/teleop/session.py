@@ -14,12 +14,12 @@ import pandas as pd
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
-from ..checks import Array, frozen
-from . import control
-from . import mapping as slave_mapping
-from .arm import Reading, Robot, Slave
-from .control import Command, Inverse, Reference, ReferenceParameters
-from .mapping import MappingParameters, Sample, State
+from trinolab.checks import Array, frozen
+from trinolab.slave import control
+from trinolab.slave import mapping as slave_mapping
+from trinolab.slave.arm import Reading, Robot, Slave
+from trinolab.slave.control import Command, Inverse, Reference, ReferenceParameters
+from trinolab.slave.mapping import MappingParameters, Sample, State
 
 TOUCHED_N = 1.0  # a force from which on the tool touches something
 LONGEST_S = 3.0  # of a gap between two samples; by then the arm rests

@@ -14,14 +14,15 @@ from processes import CLI, ended, started, wait_until
 
 from trinolab.camera import Rig
 from trinolab.datasets import data_path, load_rig
-from trinolab.files import capture as files_capture
-from trinolab.files import devices, outputs, recorder
-from trinolab.files.capture import Captured, capture, side_by_side, timing
-from trinolab.files.devices import drain, instants_of, open_source
+from trinolab.files import outputs, recorder
 from trinolab.files.kept import locked
 from trinolab.files.recording import instants, open_folder, read_timestamps
 from trinolab.files.rigs import write_rig
 from workbench import cli
+from workbench.capture import capture as files_capture
+from workbench.capture import devices
+from workbench.capture.capture import Captured, capture, side_by_side, timing
+from workbench.capture.devices import drain, instants_of, open_source
 
 SIZE = (32, 24)
 FPS = 200
@@ -476,7 +477,7 @@ def test_a_disk_that_is_full_from_the_start_leaves_nothing(cameras, tmp_path, mo
 WAITS = (
     """
 import time
-from trinolab.files import capture
+from workbench.capture import capture
 real = capture.instants_of
 def instants_of(*sources):
     for k, taken in enumerate(real(*sources)):

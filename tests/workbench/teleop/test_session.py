@@ -13,7 +13,7 @@ pytest.importorskip("mink", reason="the extra 'slave' is missing")
 from trinolab.slave.arm import load_robot
 from trinolab.slave.control import TICK_S
 from trinolab.slave.mapping import MappingParameters, Sample
-from trinolab.slave.session import Log, Session
+from workbench.teleop.session import Log, Session
 
 ROBOT = load_robot()
 HANDLE = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_rotvec([0, np.pi / 2, 0]))

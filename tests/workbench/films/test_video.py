@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from trinolab.files import video
 from trinolab.files.kept import locked
-from trinolab.files.video import Film
+from workbench.films import video
+from workbench.films.video import Film
 
 PICTURE = np.zeros((32, 48, 3), np.uint8)
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from .images import unheard
-from .kept import locked, removed_if_killed
+from trinolab.files.images import unheard
+from trinolab.files.kept import locked
 
 CUT_OFF = "cannot be written as a whole (is the disk full?)"
 
@@ -39,10 +39,9 @@ class Film:
 
     def __enter__(self) -> Film:
         try:
-            lock = self._mine.enter_context(locked(self._partial))
+            self._mine.enter_context(locked(self._partial))
         except ValueError as error:
             raise ValueError(str(error).replace(str(self._partial), str(self.path))) from None
-        self._mine.enter_context(removed_if_killed(lock, self._partial.absolute()))
         return self
 
     def add(self, image: np.ndarray) -> None:

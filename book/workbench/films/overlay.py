@@ -4,17 +4,24 @@ pose's axes x (red), y (green) and z (blue).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from ..camera import Camera, Rig
-from ..metrics import euler_deg
-from ..window import Window
-from .posetracker import Tracked
+from trinolab.camera import Camera, Rig
+from trinolab.files.outputs import check_target
+from trinolab.files.recording import Frames, Recording
+from trinolab.following.posetracker import Tracked
+from trinolab.following.track import Watch
+from trinolab.metrics import euler_deg
+from trinolab.window import Window
+
+from .video import Film
 
 WIDTH = 640  # of a camera's picture, px
 AXIS_MM = 25.0  # length of a drawn axis
@@ -32,6 +39,30 @@ STATUS_COLOURS = {
     "predicted": (0, 140, 255),
     "lost": (60, 60, 255),
 }
+
+
+@contextmanager
+def filmed(path: str | Path) -> Iterator[Watch]:
+    """Film of a track: yields what `track.track_files` takes as `watch`.
+
+    Parameters
+    ----------
+    path : path
+        A .webm video (VP8), which appears whole or not at all.
+
+    Raises
+    ------
+    ValueError
+        As `Film`, and if the video's folder is missing.
+    """
+    check_target(path)
+    with Film(path, fps=30.0) as film:
+
+        def watch(recording: Recording, now: Frames, tracked: Tracked) -> None:
+            film.fps = recording.rate  # is taken when the first picture comes
+            film.add(picture(now.images, tracked, recording.rig, now.frame, now.t_s))
+
+        yield watch
 
 
 def picture(

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from .recording import open_video
+from trinolab.files.recording import open_video
 
 WAITED_S = 1e-3  # a grab that takes as long has waited for its frame
 # where Linux has its cameras, and their names

@@ -21,13 +21,14 @@ from threading import Thread
 import cv2
 import numpy as np
 
-from ..camera import Rig
-from ..checks import Array, as_number, frozen
-from ..handle import Handle
-from . import recorder
+from trinolab.camera import Rig
+from trinolab.checks import Array, as_number, frozen
+from trinolab.files import recorder
+from trinolab.files.kept import locked
+from trinolab.files.rigs import read_handle, read_rig
+from trinolab.handle import Handle
+
 from .devices import Source, Taken, drain, instants_of, open_source
-from .kept import locked
-from .rigs import read_handle, read_rig
 
 QUEUE = 32  # instants that wait to be written: a second, 130 MB of three cameras of 1280 x 1024
 # What a handle may move between the images of an instant, and how fast hands are: a person's in

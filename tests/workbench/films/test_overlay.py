@@ -10,12 +10,13 @@ from films import frames_in
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.datasets import load_rig
-from trinolab.files.video import Film, PageVideo
-from trinolab.following.overlay import inset, picture
+from trinolab.files.recording import Frames, Recording
 from trinolab.following.posetracker import Tracked
 from trinolab.measurement import Measurement
 from trinolab.pose import LOST, Pose
 from trinolab.window import Window
+from workbench.films.overlay import filmed, inset, picture
+from workbench.films.video import Film, PageVideo
 
 RIG = load_rig("paper_pair")
 
@@ -97,6 +98,25 @@ def test_axes_behind_all_cameras_have_no_letters(written):
     words = [text for text, _ in written]
     assert words[-1] == "frame 7  0.250 s  predicted"
     assert not set("xyz") & set(words)
+
+
+def test_a_track_is_filmed_at_its_recording_s_rate(tmp_path):
+    recording = Recording(RIG, (), 2, None, 12.5)
+    images = [np.full((1024, 1280), 40, np.uint8)] * 2
+    with filmed(tmp_path / "o.webm") as watch:
+        for k in range(2):
+            watch(recording, Frames(k, k / 12.5, images), nothing())
+    video = cv2.VideoCapture(str(tmp_path / "o.webm"))
+    assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(12.5)
+    assert [video.read()[1].shape for _ in range(2)] == [(512, 1280, 3)] * 2
+
+
+def test_a_film_without_its_folder_is_refused(tmp_path):
+    with (
+        pytest.raises(ValueError, match="no such folder to write into"),
+        filmed(tmp_path / "no/o.webm"),
+    ):
+        pass
 
 
 def noise(count):
