@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -36,11 +36,11 @@ class _Deferred:
     def __set_name__(self, owner: type, name: str) -> None:
         self._name = f"_{name}"
 
-    def __get__(self, pose: object, owner: type) -> Array | Callable[[], Array]:
+    def __get__(self, pose: object, owner: type) -> Array:
         if pose is None:
             if self.default is None:
                 raise AttributeError  # a field without a default
-            return self.default
+            return cast(Array, self.default)  # what a dataclass takes for the default
         value = pose.__dict__[self._name]
         if callable(value):
             value = pose.__dict__[self._name] = value()
@@ -83,11 +83,12 @@ class Pose:
 
     status: str
     T_world_handle: RigidTransform | None
-    covariance_random: Array | Callable[[], Array] = _Deferred()
-    residual_px: float
-    markers: int
-    cameras: int
-    systematic: Array | Callable[[], Array] = _Deferred(lambda: NOTHING)
+    covariance_random: _Deferred = _Deferred()
+    # mypy takes a descriptor for a default
+    residual_px: float  # type: ignore[misc]
+    markers: int  # type: ignore[misc]
+    cameras: int  # type: ignore[misc]
+    systematic: _Deferred = _Deferred(lambda: NOTHING)
 
     @property
     def covariance(self) -> Array:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from scipy.spatial.transform import RigidTransform
 
 from ..camera import Rig, image_of
 from ..checks import Array
@@ -41,12 +42,14 @@ def pose_of_centroids(
     """
     near = near or rig
     pose = fit_pose(uv, near, handle, max_slant_deg)
-    if pose.T_world_handle is None:
+    T_world_handle = pose.T_world_handle
+    if T_world_handle is None:
         return pose
 
     @cache
     def covariances() -> tuple[Array, Array]:
-        found = assess(linear_fit(uv, near, handle, pose, max_slant_deg), rig, handle, near)
+        fit = linear_fit(uv, near, handle, T_world_handle, max_slant_deg)
+        found = assess(fit, rig, handle, near)
         # the pose is not corrected
         kept = np.outer(found.correction, found.correction)
         return found.covariance_random, found.systematic + kept
@@ -58,7 +61,7 @@ def pose_of_centroids(
 
 def linear_fit(uv: Array, rig: Rig, handle: Handle, pose: Pose, max_slant_deg: float) -> LinearFit:
     """The paper's estimate to first order; parameters as for `pose_of_centroids`."""
-    T = pose.T_world_handle
+    T = T_world_handle
     answers = fit_response(uv, rig, handle, max_slant_deg)
     k = len(answers.points)
     predicted = np.empty((k, 2))
