@@ -59,7 +59,9 @@ def pose_of_centroids(
     )
 
 
-def linear_fit(uv: Array, rig: Rig, handle: Handle, pose: Pose, max_slant_deg: float) -> LinearFit:
+def linear_fit(
+    uv: Array, rig: Rig, handle: Handle, T_world_handle: RigidTransform, max_slant_deg: float
+) -> LinearFit:
     """The paper's estimate to first order; parameters as for `pose_of_centroids`."""
     T = T_world_handle
     answers = fit_response(uv, rig, handle, max_slant_deg)
