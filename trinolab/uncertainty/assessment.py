@@ -251,7 +251,7 @@ def assess(
     near = near or rig
     free = _free(fit.explained)
     exact = known_covariance(rig).is_exact and handle.placement_sigma_mm == 0.0
-    if exact and fit.own is None and not _misfits(fit, free):
+    if exact and near is rig and fit.own is None and not _misfits(fit, free):
         return Assessment(
             fit.T_world_handle,
             fit.covariance,
