@@ -42,7 +42,7 @@ from .components import FAULTS, NO_FAULT, SILENT_PLACEMENT, SILENT_RIG, Componen
 MEMORY = 0.9  # share of what earlier instants say of the rig that an instant leaves
 LEAST_INFORMATION = 1e-2  # of earlier instants that counts, by what is known without them
 FREEDOM = 4.0  # of the scale that noise and all components share
-SAME_RIG_PX = 0.02  # a displacement of the rig that moves no place by more needs no other fit
+SAME_RIG_PX = 0.1  # a displacement of the rig that moves no place by more needs no other fit
 FEWEST_WEIGHT = 1e-4  # of sizes that count for the covariance
 WRONG_MM, WRONG_RAD = 2.0, np.deg2rad(5.0)  # a pose that is further off is a false one
 
