@@ -202,25 +202,22 @@ def assessed(
         With which it was made.
     """
     found = assess(fit.linear, rig, handle, near, earlier)
-    if not found.displacement.any() and near is rig:
+    if (
+        _moved_px(fit.linear.response, near, found.displacement - _difference(near, rig))
+        < SAME_RIG_PX
+    ):
         return fit, found, near
     here = displaced(rig, found.displacement)
-    if _apart_px(fit.linear.response, here, near) < SAME_RIG_PX:
-        return fit, found, near
     again = fit_at(here, found.T_world_handle)
     if again is None:
         return fit, found, near
     return again, assess(again.linear, rig, handle, here, earlier), here
 
 
-def _apart_px(places: Response, rig: Rig, other: Rig) -> float:
-    """By how much the places move at most from one rig to another, px."""
-    most = 0.0
-    for c, (one, another) in enumerate(zip(rig.cameras, other.cameras, strict=True)):
-        points = places.points[places.camera == c]
-        if len(points):
-            most = max(most, float(np.abs(one.project(points) - another.project(points)).max()))
-    return most
+def _moved_px(places: Response, rig: Rig, displacement: Array) -> float:
+    """By how much a displacement of the rig moves the places at most, px."""
+    moved = components.by_parameters(places, rig) @ displacement
+    return float(np.abs(moved).max(initial=0.0))
 
 
 def assess(
