@@ -398,12 +398,11 @@ class _Shape(NamedTuple):
         """Both together, stacked, for each size (n,) of the other one; of a stack (m, ...) as well,
         m n in all.
         """
-        return _Shape(
-            *(
-                (part[..., None, :, :] + sizes[:, None, None] * more).reshape(-1, *more.shape)
-                for part, more in zip(self, other, strict=True)
-            )
-        )
+        stacked = []
+        for part, more in zip(self, other, strict=True):
+            both = part[..., None, :, :] + sizes[:, None, None] * more
+            stacked.append(both.reshape(np.prod(both.shape[:-2], dtype=int), *more.shape))
+        return _Shape(*stacked)
 
     def plus(self, other: _Shape) -> _Shape:
         """Both together."""
