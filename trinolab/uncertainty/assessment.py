@@ -243,12 +243,13 @@ def assess(
     -------
     Assessment
         Where rig and handle are stated to be exact, and the residuals are no larger than the noise
-        makes them (with a chance of 1 %), that of the noise alone.
+        makes them (with a chance of 1 %), or there are none, that of the noise alone.
     """
     near = near or rig
     free = _free(fit.explained)
     exact = known_covariance(rig).is_exact and handle.placement_sigma_mm == 0.0
-    if exact and near is rig and fit.own is None and not _misfits(fit, free):
+    fits = exact and near is rig and fit.own is None and not _misfits(fit, free)
+    if fits or len(fit.residuals_px) == 0:
         return Assessment(
             fit.T_world_handle,
             fit.covariance,
