@@ -64,13 +64,13 @@ SILENT_PLACEMENT = half_cauchy(1e-3, 1e2, 6, scale=1.0)
 LIGHT = half_cauchy(1e-3, 1e3, 7, scale=0.5)
 # Faults, of which there is at most one; with `NO_FAULT` the shares sum to 1. Chosen on the broken
 # bench of `stress`.
-NO_FAULT = 0.4
+NO_FAULT = 0.6
 FAULTS: dict[str, Prior] = {
-    "distorted images": any_size(1e-3, 1.0, 4, 0.12),
-    "rolling shutter": any_size(1e-2, 1e2, 5, 0.12),
-    "markers in rigid rows": any_size(1e-2, 1e2, 5, 0.12),
-    "markers off their places": any_size(1e-3, 10.0, 5, 0.12),
-    "another rig": any_size(1e-2, 1e4, 7, 0.12),
+    "distorted images": any_size(1e-3, 1.0, 4, 0.08),
+    "rolling shutter": any_size(1e-2, 1e2, 5, 0.08),
+    "markers in rigid rows": any_size(1e-2, 1e2, 5, 0.08),
+    "markers off their places": any_size(1e-3, 10.0, 5, 0.08),
+    "another rig": any_size(1e-2, 1e4, 7, 0.08),
 }
 
 
