@@ -58,8 +58,7 @@ _BASELINES_AWAY, _PULL = 5.0, 1e-3
 
 
 def known_covariance(rig: Rig) -> RigCovariance:
-    """How well a rig is known: what it states, else its `default_covariance`.
-    """
+    """How well a rig is known: what it states, else its `default_covariance`."""
     return default_covariance(rig) if rig.covariance is None else rig.covariance
 
 
