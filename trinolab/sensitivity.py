@@ -1,4 +1,4 @@
-"""What the errors of the calibration and of the marker layout do to pixels, and so to a pose.
+"""The sensitivity of pixels, and so of a pose, to errors of the calibration and of the marker layout.
 
 An error d of the rig's parameters, or of the markers' places, moves the image of a marker from
 where the rig says that it is. To whoever measures with that rig it is an error of the pixel, which
@@ -100,7 +100,7 @@ def systematic_covariance(found: Response, rig: Rig, handle: Handle) -> Array:
     ----------
     found : Response
     rig, handle
-        What they state of themselves, else what is usual, see `usual`.
+        With what they state of their errors, else the defaults of `default_covariance`.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-r"""How far a pose may be off, by marginal least squares.
+r"""The covariance of a pose by all that its residuals say: marginal least squares.
 
 A fit by the noise leaves residuals y, the shifts that the places of the markers still ask for, across
 all that a motion of the handle explains. To first order
@@ -81,7 +81,7 @@ class LinearFit(NamedTuple):
 
 
 class RigInformation(NamedTuple):
-    """What instants of a recording say of the displacement of their one rig: a normal likelihood.
+    """A normal likelihood of the displacement of a rig, by instants of a recording.
 
     Attributes
     ----------
@@ -94,14 +94,14 @@ class RigInformation(NamedTuple):
     vector: Array
 
     def then(self, later: RigInformation) -> RigInformation:
-        """With what a later instant says; what is older counts for less, see `MEMORY`."""
+        """The sum with that of a later instant; what is older counts for less, see `MEMORY`."""
         return RigInformation(
             MEMORY * self.matrix + later.matrix, MEMORY * self.vector + later.vector
         )
 
 
 class Assessment(NamedTuple):
-    """A pose by all that its residuals say.
+    """A pose and its covariance, given the residuals of its fit.
 
     Attributes
     ----------

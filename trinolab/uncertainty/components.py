@@ -1,9 +1,9 @@
-"""The variance components of a fit: what may move the places in which markers were seen, beside the
-noise.
+"""The variance components of a fit: the errors, beside the noise, of the places in which markers were
+seen.
 
 A component is a Gaussian with a shape and a size. Its shape is a matrix A, whose columns are shifts of
 all places, px: its covariance is its size times A A'. Sizes that a file states are 1. Sizes that
-nobody states have a prior, see `SILENT` and `FAULTS`, and are averaged over what the images say.
+nobody states have a prior, see below, and are averaged over what the images say.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ ROLLING_MM, ROLLING_RAD = 1.0, 0.005  # that motion: a hand's 100 mm/s and 0.5 r
 
 
 class Prior(NamedTuple):
-    """What is known of a component's size before the images say more.
+    """The probabilities of a component's sizes before the images say more.
 
     Attributes
     ----------
@@ -41,7 +41,16 @@ class Prior(NamedTuple):
 
 def half_cauchy(low: float, high: float, count: int, scale: float) -> Prior:
     """A half-Cauchy prior (Gelman 2006, DOI 10.1214/06-BA117A) on the square root of a size: flat
-    below its scale, with a heavy tail above it; on an even grid of the size's logarithm.
+    below its scale, with a heavy tail above it.
+
+    Parameters
+    ----------
+    low, high : float
+        The least size and the largest one of the grid, which is even in the logarithm.
+    count : int
+        Of the grid's sizes.
+    scale : float
+        Of the square root of the size.
     """
     sizes = np.geomspace(low, high, count)
     density = np.sqrt(sizes) / (1 + sizes / scale**2)
@@ -50,7 +59,7 @@ def half_cauchy(low: float, high: float, count: int, scale: float) -> Prior:
 
 def any_size(low: float, high: float, count: int, share: float) -> Prior:
     """The prior of a fault that is there in some `share` of all cases, and then as likely of one size
-    as of another.
+    as of another; parameters as for `half_cauchy`.
     """
     sizes = np.geomspace(low, high, count)
     return Prior(frozen(sizes), frozen(np.full(count, np.log(share / count))))
