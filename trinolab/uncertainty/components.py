@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import lru_cache
+from math import prod
 from typing import NamedTuple
 
 import numpy as np
@@ -109,7 +110,12 @@ def by_parameters(places: Response, rig: Rig) -> Array:
     k = len(places.points)
     by_camera = np.zeros((k, 2, len(rig.cameras), len(CAMERA_PARAMETERS)))
     by_camera[np.arange(k), :, places.camera] = slopes_at(rig, places.camera, places.points)[0]
-    return by_camera.reshape(2 * k, -1)
+    return _columns(by_camera)
+
+
+def _columns(shifts: Array) -> Array:
+    """Shifts (k, 2, ...) of k places as a matrix (2 k, r)."""
+    return shifts.reshape(2 * len(shifts), prod(shifts.shape[2:]))
 
 
 @lru_cache(maxsize=8)
@@ -125,7 +131,7 @@ def of_placement(places: Response, rig: Rig, sigma_mm: float) -> Component:
     by_points = sigma_mm * slopes_at(rig, places.camera, places.points)[1]
     same = places.marker[:, None] == np.unique(places.marker[places.marker >= 0])
     shape = by_points[:, :, None] * same[:, None, :, None]
-    return Component(shape.reshape(2 * len(by_points), -1))
+    return Component(_columns(shape))
 
 
 def of_scale(places: Response, rig: Rig) -> Component:
@@ -146,7 +152,7 @@ def of_rigid_rows(places: Response, rig: Rig, handle: Handle, origin: Array) -> 
     heights = np.round(handle.marker_centres[places.marker, 1], 3)
     mine = heights[:, None] == np.unique(heights)
     shape = moves[:, :, None] * mine[:, None, :, None]
-    return Component(shape.reshape(2 * len(moves), -1))
+    return Component(_columns(shape))
 
 
 def of_distortion(places: Response, rig: Rig) -> Component:
@@ -162,7 +168,7 @@ def of_distortion(places: Response, rig: Rig) -> Component:
         aside = aside / np.sqrt(max((aside**2).sum() / len(mine), 1e-9))
         for axis in range(2):
             shape[mine, axis, c, axis] = aside
-    return Component(shape.reshape(2 * k, -1))
+    return Component(_columns(shape))
 
 
 def of_rolling_shutter(places: Response, rig: Rig, origin: Array) -> Component:
@@ -175,7 +181,7 @@ def of_rolling_shutter(places: Response, rig: Rig, origin: Array) -> Component:
         rows[mine] = camera.project(places.points[mine])[:, 1] - camera.principal_point[1]
     units = np.repeat([ROLLING_MM, ROLLING_RAD], 3) / ROWS_PX
     moves = motion_slopes(rig, places.camera, places.points, origin) * units
-    return Component((rows[:, None, None] * moves).reshape(2 * len(moves), -1))
+    return Component(_columns(rows[:, None, None] * moves))
 
 
 def faults(
