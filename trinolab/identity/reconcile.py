@@ -113,7 +113,7 @@ def fit_with_offsets(
     uv : ndarray, shape (n, C, markers, 2)
         Identified markers, px; NaN where there is none.
     basis : ndarray, shape (n, 2 C, m)
-        Offsets, as of `systematic.contradicting`.
+        Offsets, as of `sensitivity.contradicting`.
     prior : ndarray, shape (m, m)
         Inverse covariance of their sizes, px^-2, about zero.
     sigma_px : float

@@ -35,7 +35,7 @@ from ..checks import Array
 from ..default_covariance import PLACEMENT_MM, default_covariance, known_covariance
 from ..handle import Handle
 from ..rigid import shifted
-from ..sensitivity import NOTHING, Response, contradict
+from ..sensitivity import NOTHING, Response, by_parameters, contradict
 from . import components
 from .components import FAULTS, NO_FAULT, SILENT_PLACEMENT, SILENT_RIG, Component, Prior
 
@@ -264,7 +264,7 @@ def assess(
     known = known_covariance(rig)
     before = _earlier(earlier, known)
     displacement = _difference(near, rig)
-    slopes = components.by_parameters(fit.response, near)
+    slopes = by_parameters(fit.response, near)
     shifts = slopes @ displacement
     seen = _seen(fit, free, stated, shifts, before)
     found = _mixture(fit, seen, _lines(seen, unstated, possible))

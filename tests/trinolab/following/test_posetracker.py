@@ -15,6 +15,7 @@ from trinolab.bench.optics import Bench, blurred, digitise
 from trinolab.bench.scenario import Job, Shot, take
 from trinolab.bench.scene import exposed, render_rig
 from trinolab.datasets import load_handle, load_rig
+from trinolab.default_covariance import usual_covariance
 from trinolab.estimators import pixels
 from trinolab.estimators.pixels import fit_patches
 from trinolab.files.recording import Frames
@@ -25,7 +26,6 @@ from trinolab.following.parameters import FollowParameters
 from trinolab.following.posefilter import PoseFilterParameters
 from trinolab.pose import LOST
 from trinolab.rigid import apart, motion_between, shifted
-from trinolab.default_covariance import usual_covariance
 from trinolab.work import Work
 from workbench.studies.broken import jpeg
 

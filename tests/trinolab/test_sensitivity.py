@@ -12,6 +12,7 @@ from trinolab.bench.optics import Bench, blurred, digitise
 from trinolab.bench.scene import radiance, render_rig
 from trinolab.camera import RigCovariance, displaced
 from trinolab.datasets import load_handle, load_rig
+from trinolab.default_covariance import PLACEMENT_MM, SCALE_SHARE, usual_covariance
 from trinolab.estimators.pixels import fit_patches
 from trinolab.files.poses import contradictions, pose_table
 from trinolab.handle import facing_pixels
@@ -26,7 +27,6 @@ from trinolab.sensitivity import (
     response,
     systematic_covariance,
 )
-from trinolab.default_covariance import PLACEMENT_MM, SCALE_SHARE, usual_covariance
 from workbench.studies.broken import covariance_of_such, miscalibrated
 
 BENT = np.array([-0.2, 0.1, 0.001, -0.002, 0.05])
