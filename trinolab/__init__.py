@@ -75,6 +75,7 @@ if TYPE_CHECKING:
     from .datasets import load_rig as load_rig
     from .evaluation import evaluate as evaluate
     from .files.poses import read_poses as read_poses
+    from .files.recording import open_folder as read_recording  # noqa: F401
     from .files.rigs import read_handle as read_handle
     from .files.rigs import read_rig as read_rig
     from .files.rigs import write_handle as write_handle
@@ -87,7 +88,6 @@ if TYPE_CHECKING:
     from .metrics import pose_errors as pose_errors
     from .parameters import Parameters as Parameters
     from .pose import rigid_fit as rigid_fit
-    from .recordings import read_recording as read_recording
     from .single import measure_instant as measure  # noqa: F401
     from .slave import mapping as mapping
     from .triangulation import triangulate as triangulate
@@ -115,7 +115,7 @@ FACE = {
     "Target": "trinolab.calibration.target:Target",
     "calibrate": "trinolab.calibration.calibrate:calibrate_rig",
     "render": "trinolab.bench.recordings:render",
-    "read_recording": "trinolab.recordings:read_recording",
+    "read_recording": "trinolab.files.recording:open_folder",
     "Parameters": "trinolab.parameters:Parameters",
     "background": "trinolab.background",
     "kalman": "trinolab.kalman",

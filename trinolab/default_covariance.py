@@ -1,4 +1,4 @@
-"""What is taken for a rig and a handle whose files do not say how well they are known.
+"""The covariance of a rig, and the tolerances of a handle, whose files do not say how well they are known.
 
 Other programs write rig files without a word on it, and no calibration is exact. A rig that states
 nothing stands for a calibration of usual quality. Its parameters by themselves may be far off: a
@@ -58,9 +58,7 @@ _BASELINES_AWAY, _PULL = 5.0, 1e-3
 
 
 def known_covariance(rig: Rig) -> RigCovariance:
-    """How well a rig is known: what it states, else `usual_covariance`, with the reprojection error
-    of its file where there is one.
-    """
+    """How well a rig is known: what it states, else its `default_covariance`."""
     return default_covariance(rig) if rig.covariance is None else rig.covariance
 
 

@@ -98,7 +98,8 @@ def measure(
     T, labels, sure = chosen(hypotheses, images, rig, handle, prior, p)
     uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
     near = rig
-    if not known_covariance(rig).is_exact:
+    # the paper's method takes a rig that is stated to be exact as it is
+    if p.estimator != PAPER or not known_covariance(rig).is_exact:
         near, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
     # Eq. 19-24, or another estimator
     pose = estimate(Identified(images, uv, T, near), rig, handle, p)

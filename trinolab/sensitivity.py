@@ -1,4 +1,4 @@
-"""What the errors of the calibration and of the marker layout do to pixels, and so to a pose.
+"""The sensitivity of pixels, and so of a pose, to errors of the calibration and of the marker layout.
 
 An error d of the rig's parameters, or of the markers' places, moves the image of a marker from
 where the rig says that it is. To whoever measures with that rig it is an error of the pixel, which
@@ -89,18 +89,22 @@ def students_factor(freedom: float) -> float:
 
 def systematic_covariance(found: Response, rig: Rig, handle: Handle) -> Array:
     """Covariance of a pose by the errors of the rig and of the markers' places, which every instant
-    has in common.
+        has in common.
 
-    Parameters
-    ----------
-    found : Response
-    rig, handle
-        What they state of themselves, else what is usual, see `default_covariance`.
+        Parameters
+        ----------
+        found : Response
+        rig, handle
+    <<<<<<< HEAD
+            What they state of themselves, else what is usual, see `default_covariance`.
+    =======
+            With what they state of their errors, else the defaults of `default_covariance`.
+    >>>>>>> assess
 
-    Returns
-    -------
-    ndarray, shape (6, 6)
-        Of position (mm) and rotation vector (rad), world frame.
+        Returns
+        -------
+        ndarray, shape (6, 6)
+            Of position (mm) and rotation vector (rad), world frame.
     """
     if not is_uncertain(rig, handle):
         return NOTHING

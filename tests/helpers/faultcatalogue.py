@@ -234,7 +234,7 @@ FAULTS = {
     "image: huge": (
         huge_png(CCD2_1),
         MEASURE,
-        f"{CCD2_1}: 100000 x 100000 pixels, the rig says 320 x 256",
+        f"{CCD2_1}: expected at most 50 million pixels, got more",
     ),
     "image: unreadable": (loop(CCD2_1), MEASURE, f"{CCD2_1}: cannot be read (Too many levels"),
     "image: float": (

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..camera import Camera
 from ..checks import Array, frozen
-from .start import homography, intrinsics, target_pose
+from .start import target_poses
 from .target import Target
 from .views import TargetViews
 
@@ -142,18 +142,11 @@ def _orders(target: Target) -> list[Order]:
 
 
 def _rotations(views: Array, size: tuple[int, int], target: Target) -> Array:
-    """Rotations (views, 3, 3) of T_cam_target by Zhang's start, NaN where there is none."""
-    xy = np.asarray(target.points)[:, :2]
-    rotations = np.full((len(views), 3, 3), np.nan)
+    """Rotations (views, 3, 3) of T_cam_target, NaN where there is none."""
     enough = np.isfinite(views).all(axis=2).sum(axis=1) >= FEWEST_POINTS
-    H = {v: h for v in np.flatnonzero(enough) if (h := homography(xy, views[v])) is not None}
-    try:
-        K = intrinsics(list(H.values()), size)
-        for v, h in H.items():
-            rotations[v] = target_pose(h, K).rotation.as_matrix()
-    except (ValueError, np.linalg.LinAlgError):
-        return np.full_like(rotations, np.nan)
-    return rotations
+    poses = target_poses(target.points, np.where(enough[:, None, None], views, np.nan), size)
+    unknown = np.full((3, 3), np.nan)
+    return np.stack([unknown if T is None else T.rotation.as_matrix() for T in poses])
 
 
 def _agreeing(rotations: Sequence[Array], orders: Sequence[Order]) -> list[Order] | None:

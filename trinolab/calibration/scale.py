@@ -11,7 +11,7 @@ import logging
 import numpy as np
 
 from .adjust import Calibrated
-from .start import homography, intrinsics, target_pose
+from .start import target_poses
 from .target import Target
 from .views import TargetViews
 
@@ -21,7 +21,6 @@ log = logging.getLogger("trinolab")
 # first, or sees a target beyond the last one; between the middle ones are those of a bench or a room.
 LEAST_MM, NEAR_MM, FAR_MM, MOST_MM = 10.0, 100.0, 20_000.0, 200_000.0
 UNITS_MM = {"m": 1000.0, "cm": 10.0, "inches": 25.4, "micrometres": 1e-3}
-FEWEST = 3  # views that fix a lens
 
 
 def check_scale(seen: TargetViews, target: Target) -> None:
@@ -33,11 +32,11 @@ def check_scale(seen: TargetViews, target: Target) -> None:
     ValueError
         Says how far away the target would be, and in which unit its size was likely given.
     """
-    distances = [
-        distance
+    poses = [
+        [T for T in target_poses(target.points, uv, size) if T is not None]
         for uv, size in zip(seen.uv, seen.sizes, strict=True)
-        if (distance := _distance(np.asarray(uv), size, target)) is not None
     ]
+    distances = [np.median([T.translation[2] for T in of]) for of in poses if of]
     if not distances:
         return
     middle = float(np.median(distances))
@@ -53,22 +52,6 @@ def check_scale(seen: TargetViews, target: Target) -> None:
     if not LEAST_MM <= middle <= MOST_MM:
         raise ValueError(text)
     log.warning("%s; is it so?", text)
-
-
-def _distance(uv: np.ndarray, size: tuple[int, int], target: Target) -> float | None:
-    """Of the target in the middle of a camera's views, mm, by Zhang's start; None if the views do not
-    say it.
-    """
-    xy = target.points[:, :2]
-    every = [homography(xy, view) for view in uv]
-    H = [one for one in every if one is not None]
-    if len(H) < FEWEST:
-        return None
-    try:
-        K = intrinsics(np.stack(H), size)
-        return float(np.median([target_pose(one, K).translation[2] for one in H]))
-    except (ValueError, np.linalg.LinAlgError):
-        return None
 
 
 def distance_of_target(found: Calibrated, target: Target) -> str:

@@ -121,6 +121,27 @@ def target_pose(H: ArrayLike, K: ArrayLike) -> RigidTransform:
     )
 
 
+def target_poses(points: Array, views: Array, size: tuple[int, int]) -> list[RigidTransform | None]:
+    """T_cam_target in each view of a camera whose lens is not known, None where there is none, or
+    where the views do not tell the lens.
+
+    Parameters
+    ----------
+    points : ndarray, shape (n, 3)
+        Of the target, z = 0.
+    views : ndarray, shape (views, n, 2)
+        Their pixels; NaN for what was not found.
+    size : (int, int)
+        Width and height of the images, px.
+    """
+    H = [homography(points[:, :2], uv) for uv in views]
+    try:
+        K = intrinsics([h for h in H if h is not None], size)
+        return [None if h is None else target_pose(h, K) for h in H]
+    except (ValueError, np.linalg.LinAlgError):
+        return [None] * len(H)
+
+
 def _normalised(points: Array) -> tuple[Array, Array]:
     """Points moved to mean 0 and rms distance sqrt 2, with a 1 beside them, (n, 3), and the matrix
     that does it.

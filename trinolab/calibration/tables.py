@@ -76,10 +76,10 @@ def read_corners(
     path = Path(path)
     if path.suffix.lower() == ".csv":
         table = _caliscope(path, target)
-        beside, sizes_of = path.with_name(CALISCOPE_CAMERAS), _of_caliscope
+        beside = path.with_name(CALISCOPE_CAMERAS)
     elif path.suffix.lower() in (".pickle", ".pkl"):
         table = _anipose(path, target)
-        beside, sizes_of = path.with_name(ANIPOSE_CAMERAS), _of_anipose
+        beside = path.with_name(ANIPOSE_CAMERAS)
     else:
         raise ValueError(
             f"{path}: expected a table of caliscope (.csv) or of Anipose (.pickle) by its ending"
@@ -95,7 +95,7 @@ def read_corners(
     v = np.searchsorted(views, table["view"][taken])
     uv = np.full((len(cameras), len(views), len(target.points), 2), np.nan)
     uv[c[taken], v, table["point"][taken]] = table[["u", "v"]][taken]
-    sizes = _sizes(beside, [f"cam_{k}" for k in cameras], size, sizes_of)
+    sizes = _sizes(beside, [f"cam_{k}" for k in cameras], size)
     times, unit = _times(table, views)
     nothing = frozen(np.zeros(uv.shape[:2], bool))
     return TargetViews(
@@ -260,9 +260,11 @@ def _label(frame: Any) -> str:
 
 
 def _sizes(
-    beside: Path, cameras: Sequence[str], size: Sequence[int] | None, reader: Any
+    beside: Path, cameras: Sequence[str], size: Sequence[int] | None
 ) -> dict[str, tuple[int, int]]:
-    """The size of each camera's images by its name, in the order of the table."""
+    """The size of each camera's images by its name, in the order of the table; Anipose's file has the
+    names as well.
+    """
     if size is not None:
         width, height = (as_whole(side, "size", 1, 100_000) for side in size)
         return dict.fromkeys(cameras, (width, height))
@@ -271,19 +273,21 @@ def _sizes(
             f"--size: expected width and height of the images, which no {beside.name} beside the table says"
         )
     try:
-        sizes = reader(read_toml(beside), cameras)
-        return {name: (int(of[0]), int(of[1])) for name, of in sizes.items()}
+        tables = _numbered(read_toml(beside))
+        of = [tables[camera] for camera in cameras]
+        names = cameras if beside.name == CALISCOPE_CAMERAS else [table["name"] for table in of]
+        sizes = [(int(table["size"][0]), int(table["size"][1])) for table in of]
     except (KeyError, TypeError, IndexError, AttributeError, OverflowError) as error:
         raise ValueError(f"{beside}: has no size of camera {error}; --size says it") from None
+    return dict(zip(names, sizes, strict=True))
 
 
-def _of_caliscope(tables: Mapping[str, Any], cameras: Sequence[str]) -> dict[str, Any]:
-    return {name: tables["cameras"][name.removeprefix("cam_")]["size"] for name in cameras}
-
-
-def _of_anipose(tables: Mapping[str, Any], cameras: Sequence[str]) -> dict[str, Any]:
-    """Anipose numbers the cameras in the order of its file, which has their names."""
-    return {tables[name]["name"]: tables[name]["size"] for name in cameras}
+def _numbered(tables: Mapping[str, Any]) -> dict[str, Any]:
+    """The tables of a file's cameras, those of caliscope by ``cam_`` and their number."""
+    cameras = tables.get("cameras")
+    if not isinstance(cameras, dict):
+        return dict(tables)
+    return {f"cam_{key}": table for key, table in cameras.items()}
 
 
 # --- lenses
@@ -299,14 +303,9 @@ def read_lenses(path: str | Path, cameras: Sequence[str]) -> list[Camera]:
         Names the file and the camera: unreadable, missing, a field that is missing or wrong.
     """
     tables = read_toml(path)
-    if set(tables) == {"cameras"}:
-        named = {f"cam_{key}": table for key, table in tables["cameras"].items()}
-    else:
-        named = {
-            table["name"]: table
-            for table in tables.values()
-            if isinstance(table, dict) and "name" in table
-        }
+    named = _numbered(tables)
+    if "cameras" not in tables:
+        named = {of["name"]: of for of in named.values() if isinstance(of, dict) and "name" in of}
     if missing := [name for name in cameras if name not in named]:
         raise ValueError(
             f"{path}: has no camera {missing[0]}, which is to be calibrated ({', '.join(named)})"

@@ -1,4 +1,4 @@
-"""The estimators that fit pixels or centroids in all views at once, each assessed by its residuals."""
+"""The estimators that fit pixels or centroids in all views at once, and the assessment of their fits."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .reprojection import fit_centroids
 
 
 def fitted_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
-    """The estimators ``patches`` (see `pixels.fit_patches`) and ``reprojection`` (see
+    """The pose by the estimator ``patches`` (see `pixels.fit_patches`) or ``reprojection`` (see
     `reprojection.fit_centroids`).
     """
     found = fitted(instant, rig, handle, p)

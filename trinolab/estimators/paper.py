@@ -1,8 +1,8 @@
-"""The paper's estimate (Eq. 20-24), and how far it may be off.
+"""The paper's estimate (Eq. 20-24) and its covariance.
 
-The chain of the paper ends with the pose. Its covariance is computed where somebody asks for it: by
-the noise of its centroids, by their bias, which the paper's method leaves in, and by all that
-`uncertainty` assesses.
+The chain of the paper ends with the pose. The covariance is computed when somebody asks for it. It has
+the noise of the centroids, their bias, which the paper's method leaves in, and all that `uncertainty`
+assesses.
 """
 
 from __future__ import annotations

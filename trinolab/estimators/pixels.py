@@ -347,13 +347,14 @@ def _fit_of(
     pulls = _pulls(last, information, rig, handle, T)
     covariance = covariance + answers.covariance_by(pulls)
     rows = used.repeat(2)
+    explained = _explained(last, motions, information, rig)
     linear = LinearFit(
         T,
         covariance,
         answers.part(used),
         _shifts(last, motions, information, rig)[used],
         _noise(last, information, spread, pulls)[np.ix_(rows, rows)],
-        _explained(last, motions, information, rig)[used].reshape(int(rows.sum()), -1),
+        explained[used].reshape(int(rows.sum()), explained.shape[2]),
     )
     residuals_px = _still_asked_mm(last, rig) * windows.px_per_mm
     fit = judged_fit(linear, windows.views, last.model, visible, residuals_px)

@@ -21,12 +21,12 @@ import numpy as np
 
 from ..camera import Rig
 from ..checks import Array, as_number
+from ..datasets import handle_of, rig_of
 from ..handle import Handle
 from . import limits
 from .images import IMAGE_SUFFIXES, Grey, as_grey, check_size, is_image, read_greys, said_once
 from .inputs import read_csv
 from .recorder import PARTIAL
-from .rigs import read_handle, read_rig
 
 LAST_FRAME = 2**53  # a pose file may have; a time in nanoseconds is no frame
 VIDEO_SUFFIXES = (".mkv", ".mp4", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg")
@@ -279,26 +279,24 @@ def open_folder(
     ----------
     folder : path
     rig, handle : optional
-        In the place of the folder's ``rig.toml`` and ``handle.toml``: a `Rig` and a `Handle`, or other
-        files; a rig may have some of the cameras.
+        In the place of the folder's ``rig.toml`` and ``handle.toml``: a `Rig` and a `Handle`, or files,
+        or names of shipped ones, as ``raised_40deg`` and ``coded``. A rig may have some of the cameras.
 
     Raises
     ------
     ValueError
-        Names the file that is missing or cannot be read, see `find_footage` and `open_recording`.
+        Names the file that is missing or cannot be read, see `find_footage` and `open_recording`, or
+        the word that names no rig or no handle.
     """
     root = _existing(folder)
     if rig is None and not (root / "rig.toml").exists():
         raise ValueError(f"{root}: not a recording folder with its rig (no rig.toml in it)")
-    the_rig = rig if isinstance(rig, Rig) else read_rig(rig or root / "rig.toml")
+    the_rig = rig_of(root / "rig.toml" if rig is None else rig)
     times = root / "timestamps.csv"
     recording = open_recording(
         find_footage(root, the_rig), the_rig, timestamps=times if times.exists() else None
     )
-    the_handle = (
-        handle if isinstance(handle, Handle) else read_handle(handle or root / "handle.toml")
-    )
-    return recording, the_handle
+    return recording, handle_of(root / "handle.toml" if handle is None else handle)
 
 
 def _existing(folder: str | Path) -> Path:

@@ -240,8 +240,9 @@ def follow(
     moves = guess.blurred or (_may_move(guess, p) and _stretched(guess.expected, sights, p))
     if T is not None:
         uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
-        # smeared centroids say nothing of the rig
-        if before is None and not moves and not known_covariance(rig).is_exact:
+        # smeared centroids say nothing of the rig, and later instants know more of it than one
+        exact = known_covariance(rig).is_exact
+        if not moves and (exact or before is None):
             near, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
             followed = followed._replace(rig=RigState(near))
         instant = Identified(images, uv, T, followed.rig.near, _expected_blur(guess.motion, p))

@@ -154,6 +154,8 @@ def track_folder(
     timestamps : path, optional
         Another file than the folder's.
     """
+    if "overlay" in options:
+        raise ValueError("overlay: give watch, as workbench.films.overlay.filmed(PATH) yields it")
     rig, handle, sources, times = parts_of_folder(folder, rig, handle, timestamps)
     return track_files(rig, handle, sources, out, timestamps=times, **options)
 

@@ -8,6 +8,7 @@ than a rig may be off.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +16,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from ..camera import Rig, displaced
 from ..checks import Array
-from ..default_covariance import known_covariance, known_placement_mm
+from ..default_covariance import default_covariance, known_covariance, known_placement_mm
 from ..handle import Handle
 from ..rigid import placed
-from ..sensitivity import contradicting, offsets_at, students_factor
+from ..sensitivity import contradict, contradicting, offsets_at, students_factor
 from .hypotheses import FAR, Poses, ideal_pixels, predict, slopes, weights
 from .layout import layout_of, views_of
 from .parameters import IdentityParameters
@@ -58,7 +59,8 @@ def reconciled(
     Parameters
     ----------
     rig : Rig
-        If it is exact nothing is corrected.
+        If it is exact nothing is corrected, unless the markers contradict it by more than centroids
+        may be off, all biases included (`p.sigma_px`): then as one of default covariance.
     handle : Handle
         What its markers' places make of a pixel counts as noise.
     uv : ndarray, shape (cameras, markers, 2)
@@ -75,20 +77,40 @@ def reconciled(
     T_world_handle : RigidTransform
         As the corrected rig has it.
     """
-    offsets = offsets_at(rig, T_world_handle.translation)
-    if offsets is None:
-        return rig, T_world_handle
     matrix = T_world_handle.as_matrix()[None]
     poses = Poses(matrix[:, :3, :3], matrix[:, :3, 3])
+    exact = known_covariance(rig).is_exact
+    if exact and not _contradict(rig, handle, uv, poses, p):
+        return rig, T_world_handle
+    known = known_covariance(rig)
+    if exact:
+        known = default_covariance(rig)
+    offsets = offsets_at(replace(rig, covariance=known), T_world_handle.translation)
+    if offsets is None:
+        return rig, T_world_handle
     basis = contradicting(offsets.by_position)
     covariance = basis.T @ offsets.covariance @ basis + EXACT_PX2 * np.eye(basis.shape[1])
     prior = np.linalg.inv(covariance)
     fit = fit_with_offsets(rig, handle, poses, uv[None], basis[None], prior, sigma_px, p)
-    known = known_covariance(rig)
+    size = fit.size[0]
+    if exact and not contradict(float(size @ np.linalg.solve(fit.covariance[0], size)), len(size)):
+        return rig, T_world_handle
     by_parameters = basis.T @ offsets.by_parameters
     gain = students_factor(known.freedom) * known.matrix @ by_parameters.T @ prior
     T = placed(fit.poses.translations[0], fit.poses.rotations[0])
-    return displaced(rig, gain @ fit.size[0]), T
+    return displaced(rig, gain @ size), T
+
+
+def _contradict(rig: Rig, handle: Handle, uv: Array, poses: Poses, p: IdentityParameters) -> bool:
+    """Whether markers lie so far from where a pose predicts them that offsets of the images may
+    explain it: by their chi-square, which no fit of offsets lowers by more than itself.
+    """
+    views = views_of(rig)
+    predicted = predict(poses, views, layout_of(handle, p))
+    residuals = ideal_pixels(rig, list(uv)) - predicted.uv[0]
+    squares = np.where(np.abs(residuals[:, 0]) < FAR / 2, (residuals**2).sum(axis=1), 0.0)
+    chi_square = float((weights(predicted.facing[0], p) * squares).sum()) / p.sigma_px**2
+    return contradict(chi_square, 2 * len(uv) - 3)
 
 
 def fit_with_offsets(

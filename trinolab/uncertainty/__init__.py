@@ -1,5 +1,5 @@
-"""How far a fitted pose may be off: `assess` fits once more, by marginal least squares, all that a
-fit by the noise leaves out: the errors of rig and layout, and faults that nobody states.
+"""The covariance of a fitted pose: `assess` estimates, from what a fit by the noise leaves over, the
+errors of rig and layout, and faults that nobody states.
 """
 
 from .assessment import Assessment, LinearFit, assess, refitted

@@ -1,4 +1,4 @@
-r"""How far a pose may be off, by marginal least squares.
+r"""The covariance of a pose by all that its residuals say: marginal least squares.
 
 A fit by the noise leaves residuals y, the shifts that the places of the markers still ask for, across
 all that a motion of the handle explains. To first order
@@ -42,7 +42,7 @@ from .components import FAULTS, NO_FAULT, SILENT_PLACEMENT, SILENT_RIG, Componen
 MEMORY = 0.9  # share of what earlier instants say of the rig that an instant leaves
 LEAST_INFORMATION = 1e-2  # of earlier instants that counts, by what is known without them
 FREEDOM = 4.0  # of the scale that noise and all components share
-SAME_RIG_PX = 0.02  # a displacement of the rig that moves no place by more needs no other fit
+SAME_RIG_PX = 0.1  # a displacement of the rig that moves no place by more needs no other fit
 FEWEST_WEIGHT = 1e-4  # of sizes that count for the covariance
 WRONG_MM, WRONG_RAD = 2.0, np.deg2rad(5.0)  # a pose that is further off is a false one
 
@@ -81,7 +81,7 @@ class LinearFit(NamedTuple):
 
 
 class RigInformation(NamedTuple):
-    """What instants of a recording say of the displacement of their one rig: a normal likelihood.
+    """A normal likelihood of the displacement of a rig, by instants of a recording.
 
     Attributes
     ----------
@@ -94,14 +94,14 @@ class RigInformation(NamedTuple):
     vector: Array
 
     def then(self, later: RigInformation) -> RigInformation:
-        """With what a later instant says; what is older counts for less, see `MEMORY`."""
+        """The sum with that of a later instant; what is older counts for less, see `MEMORY`."""
         return RigInformation(
             MEMORY * self.matrix + later.matrix, MEMORY * self.vector + later.vector
         )
 
 
 class Assessment(NamedTuple):
-    """A pose by all that its residuals say.
+    """A pose and its covariance, given the residuals of its fit.
 
     Attributes
     ----------
@@ -202,25 +202,22 @@ def assessed(
         With which it was made.
     """
     found = assess(fit.linear, rig, handle, near, earlier)
-    if not found.displacement.any() and near is rig:
+    if (
+        _moved_px(fit.linear.response, near, found.displacement - _difference(near, rig))
+        < SAME_RIG_PX
+    ):
         return fit, found, near
     here = displaced(rig, found.displacement)
-    if _apart_px(fit.linear.response, here, near) < SAME_RIG_PX:
-        return fit, found, near
     again = fit_at(here, found.T_world_handle)
     if again is None:
         return fit, found, near
     return again, assess(again.linear, rig, handle, here, earlier), here
 
 
-def _apart_px(places: Response, rig: Rig, other: Rig) -> float:
-    """By how much the places move at most from one rig to another, px."""
-    most = 0.0
-    for c, (one, another) in enumerate(zip(rig.cameras, other.cameras, strict=True)):
-        points = places.points[places.camera == c]
-        if len(points):
-            most = max(most, float(np.abs(one.project(points) - another.project(points)).max()))
-    return most
+def _moved_px(places: Response, rig: Rig, displacement: Array) -> float:
+    """By how much a displacement of the rig moves the places at most, px."""
+    moved = by_parameters(places, rig) @ displacement
+    return float(np.abs(moved).max(initial=0.0))
 
 
 def assess(
@@ -251,7 +248,7 @@ def assess(
     near = near or rig
     free = _free(fit.explained)
     exact = known_covariance(rig).is_exact and handle.placement_sigma_mm == 0.0
-    if exact and fit.own is None and not _misfits(fit, free):
+    if exact and near is rig and fit.own is None and not _misfits(fit, free):
         return Assessment(
             fit.T_world_handle,
             fit.covariance,
@@ -262,12 +259,16 @@ def assess(
         )
     stated, unstated, possible = _components(fit, rig, near, handle)
     known = known_covariance(rig)
-    before = _earlier(earlier, known)
     displacement = _difference(near, rig)
     slopes = by_parameters(fit.response, near)
     shifts = slopes @ displacement
-    seen = _seen(fit, free, stated, shifts, before)
-    found = _mixture(fit, seen, _lines(seen, unstated, possible))
+    seen = _seen(fit, free, stated, shifts, _earlier(earlier, known))
+    lines = _lines(
+        seen.stated(stated),
+        [(seen.joint([one]), prior) for one, prior in unstated],
+        [(name, seen.joint([one]), FAULTS[name]) for name, one in possible],
+    )
+    found = _mixture(fit, seen, lines)
     if known.is_exact:
         return found
     # what it says of the rig, as far as nothing is wrong with it
@@ -304,7 +305,7 @@ def _misfits(fit: LinearFit, free: Array) -> bool:
 
 def _components(
     fit: LinearFit, rig: Rig, near: Rig, handle: Handle
-) -> tuple[list[Component], list[_Sized], list[_Sized]]:
+) -> tuple[list[Component], list[tuple[Component, Prior]], list[tuple[str, Component]]]:
     """The components that files state; those that are there and of no stated size; and the faults,
     of which one may be there.
     """
@@ -313,7 +314,7 @@ def _components(
     stated, unstated = [], []
     possible = components.faults(places, near, handle, origin, default_covariance(rig))
     if np.isfinite(known.freedom):
-        unstated.append(_Sized("", components.of_rig(places, near, known), SILENT_RIG))
+        unstated.append((components.of_rig(places, near, known), SILENT_RIG))
         del possible["another rig"]
     elif not known.is_exact:
         stated.append(components.of_rig(places, near, known))
@@ -321,96 +322,60 @@ def _components(
     if placement_mm is None:
         stated.append(components.of_scale(places, near))
         placement = components.of_placement(places, near, PLACEMENT_MM)
-        unstated.append(_Sized("", placement, SILENT_PLACEMENT))
+        unstated.append((placement, SILENT_PLACEMENT))
         del possible["markers off their places"]
     elif placement_mm > 0:
         stated.append(components.of_placement(places, near, placement_mm))
     if fit.own is not None:
-        unstated.append(_Sized("", *fit.own))
-    return (
-        stated,
-        unstated,
-        [_Sized(name, component(), FAULTS[name]) for name, component in possible.items()],
-    )
-
-
-class _Sized(NamedTuple):
-    """A component of no stated size, and the fault's name."""
-
-    name: str
-    component: Component
-    prior: Prior
+        unstated.append(fit.own)
+    return stated, unstated, [(name, component()) for name, component in possible.items()]
 
 
 class _Seen(NamedTuple):
-    """The residuals across all that a motion explains, whitened by what is stated: m numbers.
+    """The residuals across all that a motion explains, whitened by what is stated: m numbers, those
+    of earlier instants among them.
 
     Attributes
     ----------
-    whiten : ndarray, shape (m, 2 k)
     y : ndarray, shape (m,)
-    gain : ndarray, shape (6, 2 k)
+    whiten : ndarray, shape (m, 2 k + n)
+        From shifts of the k places, and the n residuals of earlier instants.
+    gain : ndarray, shape (6, 2 k + n)
         Of the pose.
-    noise : ndarray, shape (m, m)
-        Their covariance by the noise alone.
-    noise_cross : ndarray, shape (6, m)
-        Likewise of pose and residuals.
-    stated : _Shape
+    noise : ndarray, shape (m + 6, m)
+        Covariance of residuals and pose with the residuals, by the noise alone.
     moved : ndarray, shape (6,)
         By how much the pose differs since the rig was displaced.
     earlier : _Earlier
     """
 
-    whiten: Array
     y: Array
+    whiten: Array
     gain: Array
     noise: Array
-    noise_cross: Array
-    stated: _Shape
     moved: Array
     earlier: _Earlier
 
-    @property
-    def nothing(self) -> _Shape:
-        """A component that is not there."""
-        return _Shape(*map(np.zeros_like, self.stated))
-
-    def shape(self, component: Component) -> _Shape:
-        """A component as the pose and the residuals have it."""
-        component = self.earlier.joined(component)
-        inside = self.whiten @ component.shape
-        moves = self.gain @ component.shape
-        of_rig = component.of_rig
-        displaces = np.zeros((self.earlier.slopes.shape[1], len(inside)))
-        if of_rig is not None:
-            displaces = of_rig @ inside.T
-        return _Shape(inside @ inside.T, moves @ inside.T, moves @ moves.T, displaces)
-
-
-class _Shape(NamedTuple):
-    """Covariances by components, of m whitened residuals, (..., m, m), of pose and residuals, (...,
-    6, m), of the pose, (..., 6, 6), and of the rig's parameters and residuals, (..., p, m).
-    """
-
-    residuals: Array
-    cross: Array
-    pose: Array
-    rig: Array
-
-    def with_each(self, other: _Shape, sizes: Array) -> _Shape:
-        """Both together, stacked, for each size (n,) of the other one; of a stack (m, ...) as well,
-        m n in all.
+    def joint(self, parts: Sequence[Component]) -> Array:
+        """Covariance (m + 6 + p, ...) by components of unit size, of the residuals, the pose, and
+        the rig's p parameters.
         """
-        return _Shape(
-            *(
-                (part[..., None, :, :] + sizes[:, None, None] * more).reshape(-1, *more.shape)
-                for part, more in zip(self, other, strict=True)
-            )
-        )
+        p = self.earlier.slopes.shape[1]
+        total = np.zeros((len(self.y) + 6 + p,) * 2)
+        for one in parts:
+            shape = self.earlier.joined(one).shape
+            of_rig = np.zeros((p, shape.shape[1])) if one.of_rig is None else one.of_rig
+            factor = np.vstack([self.whiten @ shape, self.gain @ shape, of_rig])
+            total += factor @ factor.T
+        return total
 
-    def plus(self, other: _Shape) -> _Shape:
-        """Both together."""
-        return _Shape(*(a + b for a, b in zip(self, other, strict=True)))
+    def stated(self, parts: Sequence[Component]) -> Array:
+        """The same of what is stated, and of the noise; the residuals are whitened by it."""
+        m = len(self.y)
+        total = self.joint(parts)
+        total[:m, :m] = 0.0
+        total[m : m + 6, :m] += self.noise[m:]
+        return total
 
 
 def _seen(
@@ -424,17 +389,10 @@ def _seen(
     joined = [earlier.joined(one) for one in stated]
     whiten = _whitening(noise, block_diag(free, np.eye(n)), joined)
     y = whiten @ np.concatenate([fit.residuals_px.ravel() + shifts, earlier.y])
-    gain = np.pad(fit.response.gain.reshape(6, -1), ((0, 0), (0, n)))
-    p, m = earlier.slopes.shape[1], len(y)
-    nothing = _Shape(np.zeros((m, m)), np.zeros((6, m)), np.zeros((6, 6)), np.zeros((p, m)))
-    cross = np.zeros((6, m)) if fit.is_efficient else gain @ noise @ whiten.T
-    moved = fit.response.gain.reshape(6, -1) @ shifts
-    seen = _Seen(whiten, y, gain, whiten @ noise @ whiten.T, cross, nothing, moved, earlier)
-    total = nothing._replace(cross=cross)
-    for one in stated:
-        total = total.plus(seen.shape(one))
-    # the residuals have it in their whitening
-    return seen._replace(stated=total._replace(residuals=nothing.residuals))
+    of_places = fit.response.gain.reshape(6, -1)
+    gain = np.pad(of_places, ((0, 0), (0, n)))
+    by_noise = np.vstack([whiten, np.zeros_like(gain) if fit.is_efficient else gain])
+    return _Seen(y, whiten, gain, by_noise @ noise @ whiten.T, of_places @ shifts, earlier)
 
 
 def _whitening(noise: Array, free: Array, stated: Sequence[Component]) -> Array:
@@ -484,63 +442,68 @@ class _Lines(NamedTuple):
     ----------
     names : list of str
         The fault of each line.
-    others, axis : _Shape
-        Stacked, n lines.
+    others, axis : ndarray, shape (n, m + 6 + p, m + 6 + p)
+        Covariances, see `_Seen.joint`.
     sizes, log_weights : ndarray, shape (n, a)
         Of the axis.
     """
 
     names: list[str]
-    others: _Shape
-    axis: _Shape
+    others: Array
+    axis: Array
     sizes: Array
     log_weights: Array
 
 
-def _lines(seen: _Seen, unstated: Sequence[_Sized], possible: Sequence[_Sized]) -> _Lines:
+def _lines(
+    stated: Array,
+    unstated: Sequence[tuple[Array, Prior]],
+    possible: Sequence[tuple[str, Array, Prior]],
+) -> _Lines:
     """All combinations of sizes: the axis is the first component that is there in any case, or each
     fault by itself.
     """
-    none = Prior(np.zeros(1), np.log([NO_FAULT]))
-    names = ["", *(one.name for one in possible)]
-    shapes = [seen.nothing, *(seen.shape(one.component) for one in possible)]
-    priors = [none, *(one.prior for one in possible)]
+    faults = [("", np.zeros_like(stated), Prior(np.zeros(1), np.log([NO_FAULT]))), *possible]
     if not unstated:
-        n, longest = len(names), max(len(prior.sizes) for prior in priors)
-        sizes = np.zeros((n, longest))
-        log_weights = np.full((n, longest), -np.inf)
-        for row, prior in enumerate(priors):
+        longest = max(len(prior.sizes) for _, _, prior in faults)
+        sizes = np.zeros((len(faults), longest))
+        log_weights = np.full((len(faults), longest), -np.inf)
+        for row, (_, _, prior) in enumerate(faults):
             sizes[row, : len(prior.sizes)], log_weights[row, : len(prior.sizes)] = prior
-        others = seen.stated.with_each(seen.nothing, np.zeros(n))
-        return _Lines(
-            names, others, _Shape(*map(np.stack, zip(*shapes, strict=True))), sizes, log_weights
-        )
-    first, *more = unstated
-    base, of_base = seen.stated, np.zeros(1)
-    for one in more:
-        base = base.with_each(seen.shape(one.component), one.prior.sizes)
-        of_base = np.add.outer(of_base, one.prior.log_weights).ravel()
-    blocks = [
-        base.with_each(shape, prior.sizes) for shape, prior in zip(shapes, priors, strict=True)
-    ]
-    of_lines = [np.add.outer(of_base, prior.log_weights).ravel() for prior in priors]
-    log_weights = np.add.outer(np.concatenate(of_lines), first.prior.log_weights)
-    n = len(log_weights)
+        names = [name for name, _, _ in faults]
+        axis = np.stack([joint for _, joint, _ in faults])
+        return _Lines(names, np.broadcast_to(stated, axis.shape), axis, sizes, log_weights)
+    (axis, of_axis), *more = unstated
+    base, log_base = stated[None], np.zeros(1)
+    for joint, prior in more:
+        base, log_base = _with_each(base, log_base, joint, prior)
+    names, blocks = [], []
+    for name, joint, prior in faults:
+        blocks.append(_with_each(base, log_base, joint, prior))
+        names += [name] * len(blocks[-1][1])
+    others = np.concatenate([block for block, _ in blocks])
+    log_weights = np.concatenate([block for _, block in blocks])
     return _Lines(
-        [name for name, part in zip(names, of_lines, strict=True) for _ in part],
-        _Shape(*map(np.concatenate, zip(*blocks, strict=True))),
-        seen.shape(first.component).with_each(seen.nothing, np.zeros(n)),
-        np.broadcast_to(first.prior.sizes, (n, len(first.prior.sizes))),
-        log_weights,
+        names,
+        others,
+        np.broadcast_to(axis, others.shape),
+        np.broadcast_to(of_axis.sizes, (len(names), len(of_axis.sizes))),
+        np.add.outer(log_weights, of_axis.log_weights),
     )
+
+
+def _with_each(base: Array, log_base: Array, joint: Array, prior: Prior) -> tuple[Array, Array]:
+    """Covariances (n, ...) and their log weights (n,), each with a component of each size."""
+    both = base[:, None] + prior.sizes[:, None, None] * joint
+    return both.reshape(-1, *joint.shape), np.add.outer(log_base, prior.log_weights).ravel()
 
 
 def _mixture(fit: LinearFit, seen: _Seen, lines: _Lines) -> Assessment:
     """The mean over all sizes, each weighted by its prior and its marginal likelihood."""
-    others, axis = lines.others, lines.axis
     m = len(seen.y)
-    root = np.linalg.cholesky(np.eye(m) + others.residuals)
-    half = np.linalg.solve(root, axis.residuals)
+    inside, pose = slice(m), slice(m, m + 6)
+    root = np.linalg.cholesky(np.eye(m) + lines.others[:, inside, inside])
+    half = np.linalg.solve(root, lines.axis[:, inside, inside])
     values, vectors = np.linalg.eigh(np.linalg.solve(root, half.mT))
     # from whitened residuals to those whose covariance is 1 + size * values
     turn = np.linalg.solve(root.mT, vectors)  # (n, m, m)
@@ -556,20 +519,22 @@ def _mixture(fit: LinearFit, seen: _Seen, lines: _Lines) -> Assessment:
     weight = weights[line, size] / weights[line, size].sum()
     sizes = lines.sizes[line, size][:, None, None]
     turn = turn[line]
-    cross = (others.cross[line] + sizes * axis.cross[line]) @ turn
-    of_pose = others.pose[line] + sizes * axis.pose[line]
-    of_rig = (others.rig[line] + sizes * axis.rig[line]) @ turn
+    joint = lines.others[line] + sizes * lines.axis[line]
+    cross = joint[:, pose, inside] @ turn
+    of_rig = joint[:, m + 6 :, inside] @ turn
     inverse = 1 / variances[line, size]
     by_residuals = cross * inverse[:, None]  # (n, 6, m)
     corrections = seen.moved - (by_residuals @ z[line][..., None])[..., 0]
     correction = weight @ corrections
     spread = corrections - correction
     scale = weight * (FREEDOM + squares[line, size]) / (FREEDOM + m - 2)
-    in_common = by_residuals @ (seen.noise_cross @ turn).mT
-    of_noise = by_residuals @ (turn.mT @ seen.noise @ turn) @ by_residuals.mT
+    in_common = by_residuals @ (seen.noise[m:] @ turn).mT
+    of_noise = by_residuals @ (turn.mT @ seen.noise[:m] @ turn) @ by_residuals.mT
     of_noise = of_noise - in_common - in_common.mT
     random = np.einsum("n,nij->ij", scale, fit.covariance + of_noise)
-    whole = np.einsum("n,nij->ij", scale, fit.covariance + of_pose - by_residuals @ cross.mT)
+    whole = np.einsum(
+        "n,nij->ij", scale, fit.covariance + joint[:, pose, pose] - by_residuals @ cross.mT
+    )
     whole = whole + (weight * spread.T) @ spread
     displacement = weight @ (of_rig @ (inverse * z[line])[..., None])[..., 0]
     by_fault = dict.fromkeys(lines.names, 0.0)

@@ -1,4 +1,4 @@
-"""What the centroids of wrapped markers do to a pose: their noise, and a bias that all views of all
+"""The errors of the centroids of wrapped markers: their noise, and a bias that all views of all
 markers have in common.
 
 A piece of a marker counts by the area of its image, so that the side which is turned to the camera

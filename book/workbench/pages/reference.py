@@ -46,7 +46,6 @@ TOP = {
             "metrics",
             "evaluation",
             "datasets",
-            "recordings",
             "checks",
             "memory",
             "work",

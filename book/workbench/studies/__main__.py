@@ -142,17 +142,12 @@ STUDIES = {
         out="data",
     ),
     "stress": Study(
-        "the bench broken, one thing at a time: stress.csv",
-        tables=("stress",),
+        "the bench broken, one thing at a time, with rig files as they are and with silent ones: "
+        "stress.csv, stress_silent.csv",
+        "make_tables",
+        ("stress", "stress_silent"),
         counts={"instants": (100, "of each fault and handle")},
         kept=("_build/stress", "finished blocks"),
-        workers=True,
-    ),
-    "stress_silent": Study(
-        "the bench broken, and rig files that say nothing: stress_silent.csv",
-        tables=("stress_silent",),
-        counts={"instants": (80, "of each fault and handle")},
-        kept=("_build/stress_silent", "finished blocks"),
         workers=True,
     ),
     "webcams": Study(

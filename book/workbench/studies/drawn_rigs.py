@@ -25,7 +25,6 @@ from trinolab.datasets import load_handle
 from trinolab.files.poses import poses_by_frame, read_poses
 from trinolab.files.recording import instants, open_folder
 from trinolab.handle import Handle
-from trinolab.metrics import nearest_equivalent, nees
 from trinolab.pose import Pose
 
 from ..intervals import of_ratio
@@ -122,17 +121,8 @@ def _measured(
 
 
 def sums(poses: Sequence[Pose], truth: RigidTransform, handle: Handle) -> dict[str, float]:
-    """The quantities of `stress.sums`, and the sum of the joint NEES of those that are measured."""
-    total = stress.sums([deviation(pose, truth, handle) for pose in poses])
-    return total | {"nees": sum(_nees(pose, truth, handle) for pose in poses)}
-
-
-def _nees(pose: Pose, truth: RigidTransform, handle: Handle) -> float:
-    """0 for a pose that is not measured."""
-    if pose.status != "measured" or pose.T_world_handle is None:
-        return 0.0
-    estimate = nearest_equivalent(pose.T_world_handle, truth, handle.symmetries)
-    return float(nees(estimate[0], pose.covariance, truth)[0])
+    """The quantities of `stress.sums`."""
+    return stress.sums([deviation(pose, truth, handle) for pose in poses])
 
 
 def make_table(draws: int, workers: int, kept: Path) -> pd.DataFrame:
@@ -152,8 +142,7 @@ def make_table(draws: int, workers: int, kept: Path) -> pd.DataFrame:
     -------
     pandas.DataFrame
         Columns: `renderer`, `rig`, `handle`, `estimator`, `off_px`, `off_deg`, `stated`; then those of
-        `stress.make_table`; `nees`, the mean of the joint NEES of what is measured, with its interval
-        of 95 % by the bootstrap over poses.
+        `stress.make_tables`; the interval of 95 % of the mean `nees` by the bootstrap over poses.
 
     Raises
     ------
@@ -184,16 +173,8 @@ def make_table(draws: int, workers: int, kept: Path) -> pd.DataFrame:
 
 def row(instants: pd.DataFrame, name: str) -> dict[str, float]:
     """The row of some instants, of the columns whose names begin so."""
-    total, counts = instants[f"{name}/nees"], instants[f"{name}/measured"]
-    low, high, _ = of_ratio(total, counts, SEED)
-    measured = counts.sum()
-    mean = float(total.sum() / measured) if measured else np.nan
-    return stress.judged(instants, name) | {
-        "seed": SEED,
-        "nees": mean,
-        "nees_low": low,
-        "nees_high": high,
-    }
+    low, high, _ = of_ratio(instants[f"{name}/nees"], instants[f"{name}/measured"], SEED)
+    return stress.judged(instants, name) | {"seed": SEED, "nees_low": low, "nees_high": high}
 
 
 def by_file(table: pd.DataFrame, estimator: str, stated: bool) -> pd.DataFrame:

@@ -25,6 +25,7 @@ from trinolab.metrics import (
     PoseErrors,
     geodesic_deg,
     nearest_equivalent,
+    nees,
     pose_errors,
     position_errors,
 )
@@ -51,12 +52,15 @@ class Deviation(NamedTuple):
         Distance of the origins, geodesic angle, up to the handle's symmetry.
     sigma_mm, sigma_deg : float
         As `Pose` reports them.
+    nees : float
+        Joint, see `metrics.nees`.
     """
 
     mm: float
     deg: float
     sigma_mm: float
     sigma_deg: float
+    nees: float
 
     @property
     def measured(self) -> bool:
@@ -231,11 +235,12 @@ def estimates_and_truths(
 def deviation(pose: Pose, truth: RigidTransform, handle: Handle) -> Deviation:
     """Hold a pose against its truth."""
     if pose.status != "measured" or pose.T_world_handle is None:
-        return Deviation(np.nan, np.nan, np.nan, np.nan)
+        return Deviation(np.nan, np.nan, np.nan, np.nan, np.nan)
     estimate = nearest_equivalent(pose.T_world_handle, truth, handle.symmetries)
     return Deviation(
         float(position_errors(estimate, truth)[0]),
         float(geodesic_deg(estimate, truth)[0]),
         pose.sigma_mm,
         pose.sigma_deg,
+        float(nees(estimate[0], pose.covariance, truth)[0]),
     )

@@ -3,19 +3,20 @@ what they say of it.
 
     python -m workbench.studies stress
 
-makes ``stress.csv`` again. Random poses at which CCD1 and CCD2 share four markers are rendered with
-one fault of `broken`, and measured with two cameras and with CCD3 at 40 deg. Only a window of each
-image around the handle is rendered and searched, as a tracker does it: a tenth of the work. A round
-has `BLOCK` instants of each fault and handle, drawn from generators of their own; rounds are kept,
-and more of them later add to those that there are.
+makes ``stress.csv`` and ``stress_silent.csv`` again. Random poses at which CCD1 and CCD2 share four
+markers are rendered with one fault of `broken`, and measured with two cameras and with CCD3 at 40 deg:
+with the rig as its file states it, and with one of which nothing is stated, which stands for a
+calibration of usual quality. Only a window of each image around the handle is rendered and searched, as
+a tracker does it: a tenth of the work. A round has `BLOCK` instants of each fault and handle, drawn from
+generators of their own; rounds are kept, and more of them later add to those that there are.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import islice
+from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,9 @@ from .replication import (
 
 RIGS = {"paper_pair": 2, "raised_40deg": 3}  # how many of the cameras that take the frames
 HANDLES = ("coded", "paper")
+STATED, SILENT = "stated", "silent"  # what the rig's file says of its errors: what it does, nothing
+# The faults of the calibration itself are silent, or stated, already.
+SILENT_FAULTS = tuple(name for name in FAULTS if not name.startswith("calibration"))
 # Faults of where and when the cameras look: an image by itself does not show them.
 GEOMETRY = (
     "rolling shutter 10 ms",
@@ -79,7 +83,8 @@ def trial(fault: str, handle: str, block: int) -> dict[str, float]:
     Returns
     -------
     dict
-        For each rig, estimator and quantity of `SUMS` a number, named ``rig/estimator/quantity``.
+        For each rig, estimator and quantity of `sums` a number, named
+        ``stated/rig/estimator/quantity``, and ``silent/...`` for the faults of `SILENT_FAULTS`.
 
     Raises
     ------
@@ -87,26 +92,16 @@ def trial(fault: str, handle: str, block: int) -> dict[str, float]:
         For an unknown fault or handle.
     """
     truths, taken = instants(fault, handle, block)
-    return summed(taken, truths, load_handle(handle), methods_of(block))
-
-
-def methods_of(block: int) -> Mapping[str, Parameters]:
-    """The estimators that measure a round."""
-    return EVERY if block < FIRST_ROUNDS else {name: EVERY[name] for name in OFTEN}
-
-
-def summed(
-    taken: Sequence[Taken],
-    truths: Sequence[RigidTransform],
-    handle: Handle,
-    methods: Mapping[str, Parameters],
-) -> dict[str, float]:
-    """The sums of a block's instants, measured with each rig and by each method, as of `trial`."""
+    files = {STATED: taken}
+    if fault in SILENT_FAULTS:
+        files[SILENT] = [one._replace(rig=replace(one.rig, covariance=None)) for one in taken]
+    methods = EVERY if block < FIRST_ROUNDS else {name: EVERY[name] for name in OFTEN}
     results = {}
-    for rig, count in RIGS.items():
-        for estimator, deviations in _measured(taken, count, truths, handle, methods).items():
+    for (file, seen), (rig, count) in product(files.items(), RIGS.items()):
+        found = _measured(seen, count, truths, load_handle(handle), methods)
+        for estimator, deviations in found.items():
             for name, value in sums(deviations).items():
-                results[f"{rig}/{estimator}/{name}"] = value
+                results[f"{file}/{rig}/{estimator}/{name}"] = value
     return results
 
 
@@ -156,6 +151,8 @@ SUMS = (
     "measured",
     "wrong",
     "unforeseen",
+    "beyond",
+    "nees",
     *(
         f"{what}_{unit}"
         for unit in ("mm", "deg")
@@ -165,13 +162,17 @@ SUMS = (
 
 
 def sums(deviations: Sequence[Deviation]) -> dict[str, float]:
-    """The quantities of `SUMS`; ``ratios`` are squares of error by sigma."""
+    """The quantities of `SUMS`, where ``ratios`` are squares of error by sigma; and ``nees_0``,
+    ``nees_1``, ...: each one's, NaN where it is not measured.
+    """
     measured = [one for one in deviations if one.measured]
     totals = {
         "n": float(len(deviations)),
         "measured": float(len(measured)),
         "wrong": float(sum(one.wrong for one in measured)),
         "unforeseen": float(sum(unforeseen(one) for one in measured)),
+        "beyond": float(sum(beyond(one) for one in measured)),
+        "nees": float(sum(one.nees for one in measured)),
     }
     for unit in ("mm", "deg"):
         errors = np.array([getattr(one, unit) for one in measured])
@@ -180,7 +181,7 @@ def sums(deviations: Sequence[Deviation]) -> dict[str, float]:
         totals[f"squares_{unit}"] = float((errors**2).sum())
         totals[f"ratios_{unit}"] = float(((errors / sigmas) ** 2).sum())
         totals[f"largest_{unit}"] = float(errors.max(initial=0.0))
-    return totals
+    return totals | {f"nees_{k}": one.nees for k, one in enumerate(deviations)}
 
 
 def unforeseen(one: Deviation) -> bool:
@@ -190,8 +191,16 @@ def unforeseen(one: Deviation) -> bool:
     )
 
 
-def make_table(instants: int, workers: int, kept: Path | None) -> pd.DataFrame:
-    """All faults and both handles, a row for each of them, each rig and each estimator.
+def beyond(one: Deviation) -> bool:
+    """Whether a pose is more than five of its own sigmas off, however little that is."""
+    return one.mm > SIGMAS * one.sigma_mm or one.deg > SIGMAS * one.sigma_deg
+
+
+def make_tables(
+    instants: int, workers: int, kept: Path | None
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The table of rigs as their files state them, and that of silent files: all faults, or those of
+    `SILENT_FAULTS`, and both handles, a row for each of them, each rig and each estimator.
 
     Parameters
     ----------
@@ -204,56 +213,47 @@ def make_table(instants: int, workers: int, kept: Path | None) -> pd.DataFrame:
 
     Returns
     -------
-    pandas.DataFrame
+    tuple of pandas.DataFrame
         Columns: `fault`, `rig`, `handle`, `estimator`; instants `n`, of them `measured`, and of
         these `wrong`, off by more than 2 mm or 5 deg, with `wrong_share_below`, the upper 95 % bound
         of the share of all instants; for mm and deg the mean of the error with its 95 % interval,
         the largest one, and the rms of error by reported sigma; `seed`; `unforeseen`, those of the
         wrong ones that are off by more than five of their own sigmas as well; the 95 % interval of
-        the rms of error by sigma, by the bootstrap over blocks.
+        the rms of error by sigma, by the bootstrap over blocks; of the joint NEES of what is
+        measured the mean `nees` and the quantiles `nees_95` and `nees_99`; how many of these are
+        `beyond` five of their own sigmas, however little that is.
 
     Raises
     ------
     ValueError
         If a block fails.
     """
-    return rows_of(trial, FAULTS, tuple(EVERY), instants, workers, kept)
-
-
-def rows_of(
-    trial: Callable[..., Mapping[str, float]],
-    faults: Iterable[str],
-    estimators: Sequence[str],
-    instants: int,
-    workers: int,
-    kept: Path | None,
-) -> pd.DataFrame:
-    """A row for each fault, handle, rig and estimator of a trial as the one above, see `make_table`."""
     rounds = [
-        _round(k, trial, faults, workers, None if kept is None else kept / f"round_{k}")
+        _round(k, workers, None if kept is None else kept / f"round_{k}")
         for k in range(-(-instants // BLOCK))
     ]
-    rows = [
-        {"fault": fault, "rig": rig, "handle": handle, "estimator": estimator}
-        | judged(part, f"{rig}/{estimator}")
-        for (fault, handle), part in pd.concat(rounds).groupby(["fault", "handle"], sort=False)
-        for rig in RIGS
-        for estimator in estimators
-    ]
-    return pd.DataFrame(rows)
+    blocks = pd.concat(rounds)
+    silent = blocks[blocks["fault"].isin(SILENT_FAULTS)]
+    return _rows(blocks, STATED), _rows(silent, SILENT)
 
 
-def _round(
-    number: int,
-    trial: Callable[..., Mapping[str, float]],
-    faults: Iterable[str],
-    workers: int,
-    kept: Path | None,
-) -> pd.DataFrame:
+def _round(number: int, workers: int, kept: Path | None) -> pd.DataFrame:
     """A block of each fault and handle."""
     print(f"round {number}", file=sys.stderr)
-    grid: dict[str, list] = {"fault": list(faults), "handle": list(HANDLES), "block": [number]}
-    return all_runs(trial.__module__.rpartition(".")[2], trial, grid, kept, workers, yes=True)
+    grid: dict[str, list] = {"fault": list(FAULTS), "handle": list(HANDLES), "block": [number]}
+    return all_runs("stress", trial, grid, kept, workers, yes=True)
+
+
+def _rows(blocks: pd.DataFrame, file: str) -> pd.DataFrame:
+    """A row for each fault, handle, rig and estimator."""
+    rows = [
+        {"fault": fault, "rig": rig, "handle": handle, "estimator": estimator}
+        | judged(part, f"{file}/{rig}/{estimator}")
+        for (fault, handle), part in blocks.groupby(["fault", "handle"], sort=False)
+        for rig in RIGS
+        for estimator in EVERY
+    ]
+    return pd.DataFrame(rows)
 
 
 def judged(blocks: pd.DataFrame, name: str) -> dict[str, float]:
@@ -281,6 +281,10 @@ def judged(blocks: pd.DataFrame, name: str) -> dict[str, float]:
     for unit in ("mm", "deg"):
         low, high = np.sqrt(of_ratio(mine[f"{name}/ratios_{unit}"], counts, SEED)[:2])
         row[f"error_by_sigma_low_{unit}"], row[f"error_by_sigma_high_{unit}"] = low, high
+    each = mine.filter(like=f"{name}/nees_").stack().dropna()
+    row["nees"] = total["nees"] / measured if measured else np.nan
+    row["nees_95"], row["nees_99"] = each.quantile([0.95, 0.99])
+    row["beyond"] = int(total["beyond"])
     return row
 
 
@@ -290,7 +294,7 @@ def by_fault(table: pd.DataFrame, rig: str, estimator: str) -> pd.DataFrame:
     Parameters
     ----------
     table : pandas.DataFrame
-        Of `make_table`.
+        Of `make_tables`.
     rig, estimator : str
         Whose rows are shown.
 
@@ -298,8 +302,8 @@ def by_fault(table: pd.DataFrame, rig: str, estimator: str) -> pd.DataFrame:
     -------
     pandas.DataFrame
         The fault; instants `n`; the share `measured`; how many were `wrong`, the upper 95 % bound of
-        their share, and how many of them were `unforeseen`, see `make_table`; mean error and rms of
-        error by reported sigma for mm and deg.
+        their share, how many of them were `unforeseen`, and how many of all `beyond` five sigmas, see
+        `make_tables`; mean error and rms of error by reported sigma for mm and deg; mean NEES.
     """
     rows = []
     mine = table[(table["rig"] == rig) & (table["estimator"] == estimator)]
@@ -313,6 +317,7 @@ def by_fault(table: pd.DataFrame, rig: str, estimator: str) -> pd.DataFrame:
             "wrong": wrong,
             "wrong, at most": highest_share(wrong, n),
             "unforeseen": int(both["unforeseen"].sum()),
+            "beyond": int(both["beyond"].sum()),
         }
         for unit in ("mm", "deg"):
             squares = both[f"error_by_sigma_{unit}"] ** 2
@@ -320,5 +325,6 @@ def by_fault(table: pd.DataFrame, rig: str, estimator: str) -> pd.DataFrame:
             row[f"by sigma, {unit}"] = (
                 float(np.sqrt((squares * share).sum())) if measured else np.nan
             )
+        row["NEES"] = float((both["nees"] * share).sum()) if measured else np.nan
         rows.append(row)
     return pd.DataFrame(rows)

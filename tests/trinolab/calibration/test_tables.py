@@ -167,7 +167,7 @@ def test_sizes_and_names_beside_a_table(folder):
     assert (seen.cameras, seen.sizes) == (("A", "B"), ((480, 360), (640, 360)))
     (folder / "calibration.toml").write_text('[cam_0]\nname = "A"\n', encoding="utf-8")
     with pytest.raises(
-        ValueError, match=r"calibration\.toml: has no size of camera 'size'; --size"
+        ValueError, match=r"calibration\.toml: has no size of camera 'cam_1'; --size"
     ):
         read_corners("detections.pickle", TARGET)
 

@@ -90,6 +90,11 @@ def test_a_recording_may_be_tracked_with_another_rig_and_handle(folder, tmp_path
     assert table["t_s"].tolist() == [5, 6, 7, 8, 9, 10]
 
 
+def test_the_overlay_of_before_is_refused_with_what_to_give(folder, tmp_path):
+    with pytest.raises(ValueError, match=r"^overlay: give watch, as "):
+        track_folder(folder, tmp_path / "p.csv", overlay=tmp_path / "o.webm")
+
+
 def test_without_a_start_the_paper_s_handle_is_ambiguous(folder, tmp_path):
     assert set(track_folder(folder, tmp_path / "p.csv")["status"]) == {"ambiguous"}
 

@@ -13,10 +13,16 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.special import logsumexp
 from scipy.stats import chi2
 
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
 from trinolab.camera import RigCovariance, difference, displaced
 from trinolab.datasets import load_handle, load_rig
 from trinolab.default_covariance import PLACEMENT_MM, default_covariance
+from trinolab.estimators import paper
+from trinolab.estimators.fitted import fitted_pose
+from trinolab.estimators.identified import Identified
 from trinolab.estimators.pixels import fit_patches
+from trinolab.estimators.reprojection import fit_centroids
 from trinolab.handle import slants
 from trinolab.measurement import measure
 from trinolab.metrics import nees
@@ -451,6 +457,26 @@ def test_the_chance_that_a_pose_is_wrong(mm, deg, wrong):
     assert found.wrong == pytest.approx(wrong, abs=1e-4)
 
 
+@pytest.mark.parametrize("estimator", ["patches", "reprojection"])
+def test_a_pose_is_nearer_at_the_rig_that_its_residuals_make_likely(estimator):
+    """One image of a pair is shifted by half a pixel along the baseline: the distance is wrong, and so
+    is the handle's size.
+    """
+    rig = known_to(PAIR, 0.3)
+    true = displaced(rig, 0.5 * np.eye(30)[2])
+    images = render_rig(true, CODED, POSE, Bench(), np.random.default_rng(3))
+    by_noise = {"patches": fit_patches, "reprojection": fit_centroids}[estimator](
+        images, rig, CODED, POSE
+    )
+    instant = Identified(images, np.empty(0), POSE, rig)
+    pose = fitted_pose(instant, rig, CODED, Parameters(estimator=estimator))
+    away = motion_between(pose.T_world_handle, POSE)
+    uncorrected = motion_between(by_noise.T_world_handle, POSE)
+    assert np.linalg.norm(uncorrected[:3]) > 0.3  # mm
+    assert np.linalg.norm(away[:3]) < 0.5 * np.linalg.norm(uncorrected[:3])
+    assert away @ np.linalg.solve(pose.covariance, away) < chi2.ppf(0.99, 6)
+
+
 @pytest.mark.slow
 def test_a_rolling_shutter_turns_a_pose_less_than_the_noise_says():
     """Ten instants of a pair: the fit by the noise is turned and does not know it."""
@@ -470,10 +496,6 @@ def test_a_rolling_shutter_turns_a_pose_less_than_the_noise_says():
 
 
 def test_the_papers_chain_assesses_nothing_until_its_covariance_is_asked_for(monkeypatch):
-    from trinolab.bench.optics import Bench
-    from trinolab.bench.scene import render_rig
-    from trinolab.estimators import paper
-
     calls = []
 
     def counted(*arguments):

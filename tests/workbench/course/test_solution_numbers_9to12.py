@@ -123,7 +123,7 @@ def test_plain_centroids_of_all_views():
             seen = images[: len(rig.cameras)]
             found = measurement.measure(seen, rig, rod, truth)
             uv = identity.labelled_pixels(found.labels, [one.uv for one in found.found], 12)
-            instant = estimators.Identified(seen, uv, found.pose.T_world_handle)
+            instant = estimators.Identified(seen, uv, found.pose.T_world_handle, rig)
             poses = [fitted(rig, uv, found.pose.T_world_handle)]
             for way in ways[1:]:
                 estimate = estimators.estimate(instant, rig, rod, Parameters(estimator=way))
