@@ -13,10 +13,11 @@ from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import predict_centroids
+from trinolab.estimators.paper import pose_of_centroids
 from trinolab.handle import facing_pixels, slants
 from trinolab.measurement import measure
 from trinolab.metrics import nearest_equivalent, nees
-from trinolab.pose import LOST, fit_pose, pose_of_centroids
+from trinolab.pose import LOST, fit_pose
 from trinolab.uncertainty.centroids import LIGHT, NOISE_PX, centroid_bias
 
 PAIR, RAISED = load_rig("paper_pair"), load_rig("raised_40deg")
