@@ -26,6 +26,7 @@ from trinolab.estimators.reprojection import fit_centroids
 from trinolab.handle import slants
 from trinolab.measurement import measure
 from trinolab.metrics import nees
+from trinolab.parameters import Parameters
 from trinolab.rigid import motion_between
 from trinolab.sensitivity import Response, by_parameters, motion_slopes
 from trinolab.uncertainty import assessment, components
