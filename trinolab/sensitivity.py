@@ -89,22 +89,18 @@ def students_factor(freedom: float) -> float:
 
 def systematic_covariance(found: Response, rig: Rig, handle: Handle) -> Array:
     """Covariance of a pose by the errors of the rig and of the markers' places, which every instant
-        has in common.
+    has in common.
 
-        Parameters
-        ----------
-        found : Response
-        rig, handle
-    <<<<<<< HEAD
-            What they state of themselves, else what is usual, see `default_covariance`.
-    =======
-            With what they state of their errors, else the defaults of `default_covariance`.
-    >>>>>>> assess
+    Parameters
+    ----------
+    found : Response
+    rig, handle
+        With what they state of their errors, else the defaults of `default_covariance`.
 
-        Returns
-        -------
-        ndarray, shape (6, 6)
-            Of position (mm) and rotation vector (rad), world frame.
+    Returns
+    -------
+    ndarray, shape (6, 6)
+        Of position (mm) and rotation vector (rad), world frame.
     """
     if not is_uncertain(rig, handle):
         return NOTHING

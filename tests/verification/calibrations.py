@@ -15,8 +15,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
-from trinolab.uncertainty.contradiction import honest
-from trinolab.uncertainty.size import Residuals
 
 from trinolab.bench.hand import true_visibility
 from trinolab.bench.motion import random_pose
@@ -26,6 +24,7 @@ from trinolab.camera import Rig, RigCovariance, displaced
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import predict_centroids
+from trinolab.estimators.pixels import MOST_WRONG
 from trinolab.estimators.reprojection import fit_pixels, response_of_pixels
 from trinolab.handle import Handle
 from trinolab.identity import choose, identify, labelled_pixels, relabel
@@ -35,7 +34,8 @@ from trinolab.metrics import nearest_equivalent
 from trinolab.parameters import Parameters
 from trinolab.pose import LOST, Pose, fit_pose
 from trinolab.rigid import motion_between
-from trinolab.sensitivity import pixel_slopes
+from trinolab.sensitivity import motion_slopes, pixel_slopes
+from trinolab.uncertainty import Assessment, LinearFit, assess
 from workbench.studies.replication import EVERY
 
 # principal points (px) and directions (deg) of all cameras, places of the markers (mm)
@@ -133,30 +133,34 @@ def seen(known: Setup, truth: Truth, noise_px: float, rng: np.random.Generator) 
     return Seen(T, centroids, centres)
 
 
-def paper_pose(known: Setup, one: Seen, T: RigidTransform) -> Pose:
-    """The paper's estimate from the pixels of the centres."""
+def paper_pose(known: Setup, near: Rig, one: Seen, T: RigidTransform) -> Pose:
+    """The paper's estimate from the pixels of the centres, with the rig as it is given."""
     return fit_pose(one.centres, *known, P.max_slant_deg, NOISE_PX, T)
 
 
-def reprojection_pose(known: Setup, one: Seen, T: RigidTransform) -> Pose:
-    """The pose of least reprojection error from the centroids."""
+def reprojection_pose(known: Setup, near: Rig, one: Seen, T: RigidTransform) -> Pose:
+    """The pose of least reprojection error from the centroids, fitted with the rig that is near."""
+    here = Setup(near, known.handle)
     views = Views(*np.nonzero(np.isfinite(one.centroids[..., 0])))
     spread = np.tile(NOISE_PX**2 * np.eye(2), (len(views.camera), 1, 1))
     uv = one.centroids[views]
-    T, covariance = fit_pixels(uv, spread, *known, views, T)
-    found = response_of_pixels(uv, spread, *known, views, T)
-    left = uv - predict_centroids(*known, T, views)[0]
-    residuals = Residuals(left, np.linalg.inv(spread))
-    return _reported(T, honest(covariance, found, residuals, T, *known))
+    T, covariance = fit_pixels(uv, spread, *here, views, T)
+    found = response_of_pixels(uv, spread, *here, views, T)
+    left = uv - predict_centroids(*here, T, views)[0]
+    explained = motion_slopes(near, found.camera, found.points, T.translation)
+    noise = NOISE_PX**2 * np.eye(2 * len(uv))
+    fit = LinearFit(T, covariance, found, left, noise, explained.reshape(-1, 6))
+    return _reported(assess(fit, *known, near))
 
 
-def _reported(T: RigidTransform, found) -> Pose:
-    if found.refused:
+def _reported(found: Assessment) -> Pose:
+    if found.wrong > MOST_WRONG:
         return LOST
-    return Pose("measured", T, found.covariance, np.nan, 0, 0, found.systematic)
+    covariances = found.covariance_random, found.systematic
+    return Pose("measured", found.T_world_handle, covariances[0], np.nan, 0, 0, covariances[1])
 
 
-ESTIMATORS: dict[str, Callable[[Setup, Seen, RigidTransform], Pose]] = {
+ESTIMATORS: dict[str, Callable[[Setup, Rig, Seen, RigidTransform], Pose]] = {
     "paper": paper_pose,
     "reprojection": reprojection_pose,
 }
@@ -164,7 +168,7 @@ ESTIMATORS: dict[str, Callable[[Setup, Seen, RigidTransform], Pose]] = {
 
 def identified(
     known: Setup, one: Seen, rng: np.random.Generator
-) -> tuple[Setup, Seen, RigidTransform] | None:
+) -> tuple[Rig, Seen, RigidTransform] | None:
     """What `measurement.measure` does with found pixels before it asks an estimator: the rig as the
     pixels leave it, the pixels by marker, the pose.
     """
@@ -187,7 +191,7 @@ def identified(
     there = tuple(uv[rows] for uv, rows in zip(one.centres, order, strict=True))
     centres = labelled_pixels(labels, there, n)
     rig, T = reconciled(known.rig, known.handle, centroids, T, P.sigma_px, p)
-    return Setup(rig, known.handle), Seen(one.T_world_handle, centroids, centres), T
+    return rig, Seen(one.T_world_handle, centroids, centres), T
 
 
 def from_pixels(known: Setup, draws: int, poses: int, seed: int = 0) -> Scores:
@@ -202,7 +206,7 @@ def from_pixels(known: Setup, draws: int, poses: int, seed: int = 0) -> Scores:
             for told, with_it in setups.items():
                 there = identified(with_it, one, rng)
                 for name, estimate in ESTIMATORS.items():
-                    pose = LOST if there is None else estimate(*there)
+                    pose = LOST if there is None else estimate(with_it, *there)
                     scores[name, told].append(score(pose, one.T_world_handle, known))
     return scores
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -18,9 +19,9 @@ from ..checks import Array
 from ..handle import Handle
 from ..pose import Pose, fit_pose, fit_response
 from ..sensitivity import motion_slopes
-from ..uncertainty.assessment import LinearFit, assess
-from ..uncertainty.centroids import NOISE_PX, by_light, by_slant
-from ..uncertainty.components import LIGHT
+
+if TYPE_CHECKING:
+    from ..uncertainty.assessment import LinearFit
 
 
 def pose_of_centroids(
@@ -48,6 +49,9 @@ def pose_of_centroids(
 
     @cache
     def covariances() -> tuple[Array, Array]:
+        # loaded now, so that the paper's chain runs without it
+        from ..uncertainty.assessment import assess
+
         fit = linear_fit(uv, near, handle, T_world_handle, max_slant_deg)
         found = assess(fit, rig, handle, near)
         # the pose is not corrected
@@ -63,6 +67,10 @@ def linear_fit(
     uv: Array, rig: Rig, handle: Handle, T_world_handle: RigidTransform, max_slant_deg: float
 ) -> LinearFit:
     """The paper's estimate to first order; parameters as for `pose_of_centroids`."""
+    from ..uncertainty.assessment import LinearFit
+    from ..uncertainty.centroids import NOISE_PX, by_light, by_slant
+    from ..uncertainty.components import LIGHT
+
     T = T_world_handle
     answers = fit_response(uv, rig, handle, max_slant_deg)
     k = len(answers.points)

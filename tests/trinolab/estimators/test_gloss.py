@@ -112,12 +112,12 @@ def test_gloss_is_in_the_model_of_a_handle_that_moves(monkeypatch):
     expected = MOTION, np.diag([0.3, 0.3, 0.3, 0.01, 0.01, 0.01]) ** 2
     images = {row: images_of(row, varnished=True, motion=MOTION) for row in ROWS}
 
-    def found():
+    def fitted():
         for row, taken in images.items():
             start = off_by(row, 0.1, 1.0)
             yield row, pixels.fit_patches(taken, RIG, PAPER, start, motion_blur=expected)
 
-    fits = dict(found())
+    fits = dict(fitted())
     for row, fit in fits.items():
         found = assess(fit.linear, RIG, PAPER)
         covariance = found.covariance_random + found.systematic
@@ -125,7 +125,7 @@ def test_gloss_is_in_the_model_of_a_handle_that_moves(monkeypatch):
         assert value < chi2.ppf(0.9999, 6)
     without_gloss(monkeypatch)
     angles = [error_of(fit, row)[1] for row, fit in fits.items()]
-    plain = [error_of(fit, row)[1] for row, fit in found()]
+    plain = [error_of(fit, row)[1] for row, fit in fitted()]
     assert np.mean(angles) < 0.5 * np.mean(plain)
 
 

@@ -40,6 +40,15 @@ def centroids(rig, noise=0.0):
     return uv + noise
 
 
+def shifts_at(rig, other):
+    """By how much the images of the handle's place differ between two rigs, px, (2 C,)."""
+    ways = [
+        b.project(POSE.translation[None])[0] - a.project(POSE.translation[None])[0]
+        for a, b in zip(rig.cameras, other.cameras, strict=True)
+    ]
+    return np.concatenate(ways)
+
+
 @pytest.mark.parametrize("name", ["paper_pair", "raised_40deg"])
 def test_offsets_that_no_motion_makes_are_found(name):
     rig = known(name)
@@ -64,21 +73,23 @@ def test_an_exact_rig_stays_as_it_is():
     assert reconciled(rig, CODED, centroids(rig, noise), POSE, SIGMA_PX, P) == (rig, POSE)
 
 
+@pytest.mark.parametrize("name", ["paper_pair", "raised_40deg"])
+def test_an_exact_rig_is_corrected_where_it_is_contradicted(name):
+    rig = load_rig(name)
+    basis = contradicting(offsets_at(known(name), POSE.translation).by_position)
+    shift = 2.0 * basis[:, 0]  # px, over all images
+    uv = centroids(rig) + shift.reshape(-1, 1, 2)
+    here, _ = reconciled(rig, CODED, uv, POSE, SIGMA_PX, P)
+    np.testing.assert_allclose(basis.T @ shifts_at(rig, here), basis.T @ shift, atol=0.05)
+    assert here.covariance.is_exact
+
+
 def test_one_camera_contradicts_nobody():
     rig = load_rig("paper_pair")
     uv = centroids(rig)
     uv[1] = np.nan
     uv[0] += [3.0, 3.0]
     assert reconciled(rig, CODED, uv, POSE, SIGMA_PX, P)[0] is rig
-
-
-def shifts_at(rig, other):
-    """By how much the images of the handle's place differ between two rigs, px, (2 C,)."""
-    ways = [
-        b.project(POSE.translation[None])[0] - a.project(POSE.translation[None])[0]
-        for a, b in zip(rig.cameras, other.cameras, strict=True)
-    ]
-    return np.concatenate(ways)
 
 
 @pytest.mark.parametrize("states", [True, False])

@@ -18,7 +18,6 @@ from trinolab.bench.scene import render_rig
 from trinolab.camera import RigCovariance, difference, displaced
 from trinolab.datasets import load_handle, load_rig
 from trinolab.default_covariance import PLACEMENT_MM, default_covariance
-from trinolab.estimators import paper
 from trinolab.estimators.fitted import fitted_pose
 from trinolab.estimators.identified import Identified
 from trinolab.estimators.pixels import fit_patches
@@ -503,7 +502,7 @@ def test_the_papers_chain_assesses_nothing_until_its_covariance_is_asked_for(mon
         calls.append(arguments)
         return assess(*arguments)
 
-    monkeypatch.setattr(paper, "assess", counted)
+    monkeypatch.setattr(assessment, "assess", counted)
     images = render_rig(PAIR, CODED, POSE, Bench(), np.random.default_rng(15))
     pose = measure(images, PAIR, CODED, POSE).pose
     assert pose.status == "measured"

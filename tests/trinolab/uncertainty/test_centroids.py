@@ -109,8 +109,8 @@ def drawn_centroids(rig, handle, T, noise_px, rng, light=0.5, mirrored=0.0):
 @pytest.mark.parametrize("noise_px", [NOISE_PX, 5 * NOISE_PX])
 @pytest.mark.parametrize("light", [0.4, 0.7])
 def test_nees_of_drawn_centroids(rig, noise_px, light):
-    """The bias is no draw: along it an error counts less than 1. And the noise is estimated from ten
-    numbers or so, whose inverse has a mean above 1. Without the bias NEES is several times as large.
+    """The bias is no draw: along it an error counts less than 1. Nor is any fault drawn, of which the
+    covariance knows. Without the bias NEES is several times as large.
     The two sizes of the light are those that two renderers have.
     """
     rng = np.random.default_rng(5)
@@ -122,7 +122,7 @@ def test_nees_of_drawn_centroids(rig, noise_px, light):
         values.append(nees(pose.T_world_handle, pose.whole_covariance, T)[0])
         pose = fit_pose(uv, rig, CODED, sigma_px=noise_px)
         of_noise.append(nees(pose.T_world_handle, pose.whole_covariance, T)[0])
-    assert 3.5 < np.mean(values) < 8.0  # 240 draws know it to 0.3
+    assert 4.0 < np.mean(values) < 8.0  # 240 draws know it to 0.3
     assert np.mean(of_noise) > 3 * np.mean(values)
 
 
@@ -145,14 +145,15 @@ def test_an_image_that_lies_wrong_is_no_noise_of_its_centroids(px):
     """Along the base it makes a wrong distance, which contradicts the handle's size in both images:
     taken for noise of single centroids the error was 14 and 20 of the pose's sigmas.
     """
+    silent = replace(PAIR, covariance=None)
     for k in range(5):
         T = POSE * RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.08 * k, 0.0]))
         uv = drawn_centroids(PAIR, CODED, T, NOISE_PX, np.random.default_rng([8, k]), 0.3)
         uv[1, :, 0] += px
-        pose = pose_of_centroids(uv, PAIR, CODED)
+        pose = pose_of_centroids(uv, silent, CODED)
         error_mm = np.linalg.norm(pose.T_world_handle.translation - T.translation)
         assert error_mm > px
-        assert error_mm < 4 * pose.sigma_mm
+        assert error_mm < 3 * pose.sigma_mm
 
 
 def test_the_pose_is_that_of_the_paper():
