@@ -336,9 +336,6 @@ class RigCovariance:
         How well the size of the matrix itself is known: the degrees of freedom of the variances
         (GUM, annex G.3), infinity where they are certain. A factor common to all of them then has
         a scaled inverse chi-square distribution.
-    doubted : bool
-        Whether the rig says that it is exact, and its images contradict each other: what is wrong
-        may as well be something else.
 
     Raises
     ------
@@ -350,7 +347,6 @@ class RigCovariance:
     names: tuple[str, ...]
     matrix: Array
     freedom: float = np.inf
-    doubted: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))

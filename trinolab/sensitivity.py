@@ -80,11 +80,6 @@ def contradict(chi_square: float, freedom: int) -> bool:
     return freedom > 0 and bool(chi_square > chdtri(freedom, CHANCE))
 
 
-def variance_of_few(chi_square: float, count: int) -> float:
-    """A variance that is estimated from the squares of few numbers, and so is itself uncertain."""
-    return chi_square / count * students_factor(count)
-
-
 def students_factor(freedom: float) -> float:
     """By how much a variance of some degrees of freedom is enlarged, so that one standard deviation
     holds as large a share as it always does.
@@ -94,18 +89,22 @@ def students_factor(freedom: float) -> float:
 
 def systematic_covariance(found: Response, rig: Rig, handle: Handle) -> Array:
     """Covariance of a pose by the errors of the rig and of the markers' places, which every instant
-    has in common.
+        has in common.
 
-    Parameters
-    ----------
-    found : Response
-    rig, handle
-        With what they state of their errors, else the defaults of `default_covariance`.
+        Parameters
+        ----------
+        found : Response
+        rig, handle
+    <<<<<<< HEAD
+            What they state of themselves, else what is usual, see `default_covariance`.
+    =======
+            With what they state of their errors, else the defaults of `default_covariance`.
+    >>>>>>> assess
 
-    Returns
-    -------
-    ndarray, shape (6, 6)
-        Of position (mm) and rotation vector (rad), world frame.
+        Returns
+        -------
+        ndarray, shape (6, 6)
+            Of position (mm) and rotation vector (rad), world frame.
     """
     if not is_uncertain(rig, handle):
         return NOTHING
@@ -117,7 +116,7 @@ def known_errors(found: Response, rig: Rig, handle: Handle) -> Array:
     (2 k, 2 k), px^2; u and v of the first place come first.
     """
     k = len(found.points)
-    by_parameters, by_points = slopes_at(rig, found.camera, found.points)
+    by_points = slopes_at(rig, found.camera, found.points)[1]
     moved = by_points.reshape(2 * k, 3)
     same = (found.marker[:, None] == found.marker) & (found.marker >= 0)
     by_layout = known_placement_mm(handle) ** 2 * (moved @ moved.T)
@@ -127,24 +126,17 @@ def known_errors(found: Response, rig: Rig, handle: Handle) -> Array:
     grown = known_scale_share(handle) * (found.points - found.points.mean(axis=0))
     by_scale = (by_points @ grown[..., None]).ravel()
     total += np.outer(by_scale, by_scale)
-    if not known_covariance(rig).is_exact:
-        total += _by_rig(found, by_parameters, rig)
-    return total
-
-
-def errors_by_rig(found: Response, rig: Rig) -> Array:
-    """The part of `known_errors` that the rig makes."""
-    return _by_rig(found, slopes_at(rig, found.camera, found.points)[0], rig)
-
-
-def _by_rig(found: Response, by_parameters: Array, rig: Rig) -> Array:
-    """`errors_by_rig`, by the derivatives (k, 2, 15) of the places by their cameras' parameters."""
-    k = len(found.points)
     known = known_covariance(rig)
-    by_rig = np.zeros((k, 2, len(rig.cameras), len(CAMERA_PARAMETERS)))
-    by_rig[np.arange(k), :, found.camera] = by_parameters
-    flat = by_rig.reshape(2 * k, -1)
-    return np.asarray(students_factor(known.freedom) * (flat @ known.matrix @ flat.T))
+    by_rig = by_parameters(found, rig)
+    return total + students_factor(known.freedom) * (by_rig @ known.matrix @ by_rig.T)
+
+
+def by_parameters(places: Response, rig: Rig) -> Array:
+    """Derivatives of the places by all parameters of a rig, (2 k, 15 C)."""
+    k = len(places.points)
+    by_camera = np.zeros((k, 2, len(rig.cameras), len(CAMERA_PARAMETERS)))
+    by_camera[np.arange(k), :, places.camera] = slopes_at(rig, places.camera, places.points)[0]
+    return by_camera.reshape(2 * k, -1)
 
 
 def slopes_at(rig: Rig, camera: np.ndarray, points: Array) -> tuple[Array, Array]:

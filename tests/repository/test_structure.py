@@ -93,7 +93,8 @@ measure([np.zeros(camera.size[::-1]) for camera in rig.cameras], rig, datasets.l
     assert "trinolab.pose" in loaded
     assert "pandas" not in loaded  # it takes a quarter of the first call's time
     assert {name for name in loaded if name.startswith("trinolab.estimators.")} == {
-        "trinolab.estimators.identified"
+        "trinolab.estimators.identified",
+        "trinolab.estimators.paper",
     }
 
 

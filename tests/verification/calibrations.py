@@ -15,6 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
+from trinolab.uncertainty.contradiction import honest
+from trinolab.uncertainty.size import Residuals
 
 from trinolab.bench.hand import true_visibility
 from trinolab.bench.motion import random_pose
@@ -33,8 +35,6 @@ from trinolab.metrics import nearest_equivalent
 from trinolab.parameters import Parameters
 from trinolab.pose import LOST, Pose, fit_pose
 from trinolab.rigid import motion_between
-from trinolab.uncertainty.contradiction import honest
-from trinolab.uncertainty.size import Residuals
 from trinolab.sensitivity import pixel_slopes
 from workbench.studies.replication import EVERY
 

@@ -31,7 +31,7 @@ def checked_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -
     square of the error is that of the better pose, and the square of the way from there.
     """
     found = fitted(instant, rig, handle, p)
-    if found is None or not found[0].shown.any():
+    if found is None:
         return pose_of_centroids(instant.uv, rig, handle, p.max_slant_deg, instant.near)
     fit, assessment = found
     better = judged(fit, assessment)

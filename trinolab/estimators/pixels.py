@@ -190,8 +190,8 @@ def fit_patches(
     Returns
     -------
     Fit or None
-        None if too little is in view to fix a pose, the steps lead away, or there is no work left for
-        one.
+        None if too little is in view to fix a pose, no view shows a marker, the steps lead away, or
+        there is no work left for one.
     """
     work = work or Work()
     if motion_blur is not None:
@@ -327,14 +327,17 @@ def _fit_of(
     rig: Rig,
     handle: Handle,
     smear_above: float = np.inf,
-) -> Fit:
-    """What the last step says: the pose with its covariance, and which views show a marker."""
+) -> Fit | None:
+    """The pose of the last step with its covariance, and which views show a marker; None if none does."""
     T = after.T_world_handle
     motion = None if after.motion_blur is None else after.motion_blur.motion
     windows = last.patches
     visible = marker_is_shown(last.model, handle)
     # the weights are older than the step
-    spread = float(np.median(misfit(last.model)[visible])) if visible.any() else 1.0
+    used = visible & (last.weight > 0)
+    if not used.any():
+        return None
+    spread = float(np.median(misfit(last.model)[visible]))
     # where the steps ran out, the pose is still off by as many sigmas as the last one was long
     still_off = 0.0 if last.settled else last.sigmas
     covariance = in_world((1 + still_off**2) * spread * inverse(last.information)[:6, :6], T)
@@ -343,7 +346,6 @@ def _fit_of(
     answers = _response(last, motions, rig, T)
     pulls = _pulls(last, information, rig, handle, T)
     covariance = covariance + answers.covariance_by(pulls)
-    used = visible & (last.weight > 0)
     rows = used.repeat(2)
     explained = _explained(last, motions, information, rig)
     linear = LinearFit(
@@ -358,7 +360,7 @@ def _fit_of(
     fit = judged_fit(linear, windows.views, last.model, visible, residuals_px)
     if motion is not None:
         fit = fit._replace(smear_px=_longest_way_px(windows, motion))
-    elif visible.any() and np.median(fit.misfit[visible]) >= smear_above:
+    elif np.median(fit.misfit[visible]) >= smear_above:
         fit = fit._replace(smear_px=_smear_px(last, rig))
     return fit
 
@@ -549,7 +551,7 @@ def judged_fit(
     linear: LinearFit, views: Views, at: Linear, shown: np.ndarray, residuals_px: Array
 ) -> Fit:
     """A fit with the rms of the residuals (k,) over the views that show a marker."""
-    residual = float(np.sqrt(np.mean(residuals_px[shown] ** 2))) if shown.any() else np.nan
+    residual = float(np.sqrt(np.mean(residuals_px[shown] ** 2)))
     T, covariance = linear.T_world_handle, linear.covariance
     return Fit(T, covariance, views, misfit(at), shown, residual, linear)
 

@@ -84,6 +84,8 @@ def fit_centroids(
     residual = registered.uv - predicted
     visible = marker_is_shown(registered.at, handle)
     used = np.asarray(visible & np.isfinite(residual).all(axis=1))
+    if not used.any():
+        return None
     rows = used.repeat(2)
     linear = LinearFit(
         T,

@@ -7,7 +7,11 @@ distance, five or ten times as large; and a handle at a wrong distance is turned
 its size.
 
 A rig that states its errors, or that it has none, does not expect that. Of a rig that says nothing
+<<<<<<< HEAD
+the images tell in each instant how large its errors are (`uncertainty.assessment`), these included.
+=======
 the images tell in each instant how large its errors are (`uncertainty.assess`), these included.
+>>>>>>> assess
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ from ..checks import Array
 from ..default_covariance import PLACEMENT_MM, default_covariance, known_covariance
 from ..handle import Handle
 from ..rigid import shifted
-from ..sensitivity import NOTHING, Response, contradict
+from ..sensitivity import NOTHING, Response, by_parameters, contradict
 from . import components
 from .components import FAULTS, NO_FAULT, SILENT_PLACEMENT, SILENT_RIG, Component, Prior
 
@@ -216,7 +216,7 @@ def assessed(
 
 def _moved_px(places: Response, rig: Rig, displacement: Array) -> float:
     """By how much a displacement of the rig moves the places at most, px."""
-    moved = components.by_parameters(places, rig) @ displacement
+    moved = by_parameters(places, rig) @ displacement
     return float(np.abs(moved).max(initial=0.0))
 
 
@@ -243,13 +243,12 @@ def assess(
     -------
     Assessment
         Where rig and handle are stated to be exact, and the residuals are no larger than the noise
-        makes them (with a chance of 1 %), or there are none, that of the noise alone.
+        makes them (with a chance of 1 %), that of the noise alone.
     """
     near = near or rig
     free = _free(fit.explained)
     exact = known_covariance(rig).is_exact and handle.placement_sigma_mm == 0.0
-    fits = exact and near is rig and fit.own is None and not _misfits(fit, free)
-    if fits or len(fit.residuals_px) == 0:
+    if exact and near is rig and fit.own is None and not _misfits(fit, free):
         return Assessment(
             fit.T_world_handle,
             fit.covariance,
@@ -261,7 +260,7 @@ def assess(
     stated, unstated, possible = _components(fit, rig, near, handle)
     known = known_covariance(rig)
     displacement = _difference(near, rig)
-    slopes = components.by_parameters(fit.response, near)
+    slopes = by_parameters(fit.response, near)
     shifts = slopes @ displacement
     seen = _seen(fit, free, stated, shifts, _earlier(earlier, known))
     lines = _lines(

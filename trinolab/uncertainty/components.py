@@ -3,7 +3,7 @@ seen.
 
 A component is a Gaussian with a shape and a size. Its shape is a matrix A, whose columns are shifts of
 all places, px: its covariance is its size times A A'. Sizes that a file states are 1. Sizes that
-nobody states have a prior, see below, and are averaged over what the images say.
+nobody states have a prior, see `SILENT_RIG` and `FAULTS`, and are averaged over what the images say.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..camera import CAMERA_PARAMETERS, Rig, RigCovariance
+from ..camera import Rig, RigCovariance
 from ..checks import Array, frozen
 from ..default_covariance import PLACEMENT_MM, SCALE_SHARE
 from ..handle import Handle
-from ..sensitivity import Response, motion_slopes, slopes_at
+from ..sensitivity import Response, by_parameters, motion_slopes, slopes_at
 
 ROWS_PX = 1000.0  # between which a rolling shutter's unit motion takes place
 ROLLING_MM, ROLLING_RAD = 1.0, 0.005  # that motion: a hand's 100 mm/s and 0.5 rad/s for 10 ms
@@ -103,14 +103,6 @@ def of_rig(places: Response, rig: Rig, known: RigCovariance) -> Component:
     """The errors of a rig of a known covariance."""
     root = _square_root(known.matrix.tobytes(), len(known.matrix))
     return Component(by_parameters(places, rig) @ root, root)
-
-
-def by_parameters(places: Response, rig: Rig) -> Array:
-    """Derivatives of the places by all parameters of a rig, (2 k, 15 C)."""
-    k = len(places.points)
-    by_camera = np.zeros((k, 2, len(rig.cameras), len(CAMERA_PARAMETERS)))
-    by_camera[np.arange(k), :, places.camera] = slopes_at(rig, places.camera, places.points)[0]
-    return _columns(by_camera)
 
 
 def _columns(shifts: Array) -> Array:

@@ -13,6 +13,7 @@ from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
 from trinolab.camera import Rig
+from trinolab.default_covariance import assumed
 from trinolab.files.outputs import check_targets
 from trinolab.files.poses import contradictions, pose_table, poses_by_frame, read_poses, write_poses
 from trinolab.files.recording import (
@@ -30,7 +31,6 @@ from trinolab.methods import DEFAULT, estimator_of
 from trinolab.parameters import Parameters
 from trinolab.pose import Pose
 from trinolab.sensitivity import is_uncertain
-from trinolab.default_covariance import assumed
 
 log = logging.getLogger("trinolab")
 

@@ -43,6 +43,8 @@ TOP = {
             "handle",
             "rigid",
             "window",
+            "default_covariance",
+            "sensitivity",
             "metrics",
             "evaluation",
             "datasets",

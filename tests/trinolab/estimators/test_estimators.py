@@ -15,12 +15,13 @@ from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.estimators import Identified, estimate
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import centre_pixels, predict_centroids
-from trinolab.estimators.pixels import fit_patches
+from trinolab.estimators.pixels import fit_patches, judged
 from trinolab.estimators.reprojection import fit_centroids, fit_pixels
 from trinolab.handle import facing_pixels, slants
 from trinolab.measurement import measure
 from trinolab.parameters import Parameters
 from trinolab.pose import LOST
+from trinolab.uncertainty import assess
 
 PAIR, TRIO, ABOVE = (load_rig(name) for name in ("paper_pair", "raised_40deg", "paper_trinocular"))
 HANDLE = load_handle("paper")
@@ -231,16 +232,30 @@ def small_pair():
     ],
     ids=["checked", "reprojection", "patches"],
 )
-def test_images_that_contradict_each_other_have_no_pose(parameters):
+def test_images_that_contradict_each_other_make_a_pose_less_sure(parameters):
     """One image lies a pixel higher, across the epipolar lines: no pose explains both."""
     rig, (left, right) = small_pair()
-    status = []
+    poses = []
     for up in (0, 1):
         uv = seen_exactly(rig, POSES[5]) - [[[0, 0]], [[0, up]]]
         images = [left, np.roll(right, -up, axis=0)]
-        instant = Identified(images, uv, POSES[5])
-        status.append(estimate(instant, rig, HANDLE, parameters).status)
-    assert status == ["measured", "lost"]
+        poses.append(estimate(Identified(images, uv, POSES[5], rig), rig, HANDLE, parameters))
+    agreeing, contradicting = poses
+    assert contradicting.sigma_mm > 3 * agreeing.sigma_mm
+    for pose in poses:
+        e = error(pose, POSES[5])
+        assert e @ np.linalg.solve(pose.covariance, e) < chi2.ppf(0.99, 6)
+
+
+def test_a_pose_that_may_well_be_a_false_one_is_lost():
+    rig, images = small_pair()
+    fit = fit_patches(images, rig, HANDLE, POSES[5])
+    found = assess(fit.linear, rig, HANDLE)
+    assert judged(fit, found).status == "measured"
+    # one in three is further off than 2 mm, or than 5 deg
+    for sigma in (np.eye(6)[0] * 2 / 0.967, np.eye(6)[4] * np.deg2rad(5) / 0.967):
+        unsure = found._replace(systematic=np.diag(sigma**2), covariance_random=np.zeros((6, 6)))
+        assert judged(fit, unsure) is LOST
 
 
 def without_light(rig):
@@ -250,12 +265,13 @@ def without_light(rig):
 @pytest.mark.parametrize("estimator", ["reprojection", "patches"])
 def test_where_the_pixels_show_no_marker_there_is_no_pose(estimator):
     """Whatever the markers' places say that somebody found."""
-    instant = Identified(without_light(PAIR), seen_exactly(PAIR, POSES[5]), POSES[5])
+    instant = Identified(without_light(PAIR), seen_exactly(PAIR, POSES[5]), POSES[5], PAIR)
     assert estimate(instant, PAIR, HANDLE, Parameters(estimator=estimator)) is LOST
 
 
 def test_where_the_pixels_show_no_marker_the_check_leaves_the_papers_pose():
-    instant = Identified(without_light(PAIR), seen_exactly(PAIR, POSES[5]), start_near(POSES[5]))
+    uv = seen_exactly(PAIR, POSES[5])
+    instant = Identified(without_light(PAIR), uv, start_near(POSES[5]), PAIR)
     checked, papers = (
         estimate(instant, PAIR, HANDLE, Parameters(check=check)) for check in (True, False)
     )

@@ -1,0 +1,514 @@
+"""Poses assessed by their residuals: against numerical integration over sizes and scale, against
+generalised least squares, and against draws from the prior.
+
+The systems are linear and Gaussian: slopes of the places that a rig shows, errors drawn.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import lstsq
+from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.special import logsumexp
+from scipy.stats import chi2
+
+from trinolab.bench.optics import Bench
+from trinolab.bench.scene import render_rig
+from trinolab.camera import RigCovariance, difference, displaced
+from trinolab.datasets import load_handle, load_rig
+from trinolab.default_covariance import PLACEMENT_MM, default_covariance
+from trinolab.estimators import paper
+from trinolab.estimators.fitted import fitted_pose
+from trinolab.estimators.identified import Identified
+from trinolab.estimators.pixels import fit_patches
+from trinolab.estimators.reprojection import fit_centroids
+from trinolab.handle import slants
+from trinolab.measurement import measure
+from trinolab.metrics import nees
+from trinolab.parameters import Parameters
+from trinolab.rigid import motion_between
+from trinolab.sensitivity import Response, by_parameters, motion_slopes
+from trinolab.uncertainty import assessment, components
+from trinolab.uncertainty.assessment import FREEDOM, LinearFit, RigInformation, assess
+from trinolab.uncertainty.components import FAULTS, NO_FAULT, Prior, half_cauchy
+from workbench.studies.stress import instants
+
+PAIR, THREE = load_rig("paper_pair"), load_rig("raised_40deg")
+CODED = load_handle("coded")
+POSE = RigidTransform.from_components([20.0, -10.0, 560.0], Rotation.from_rotvec([0.2, 0.3, 0.4]))
+SIGMA_PX = 0.03
+ONE_SIZE = Prior(np.ones(1), np.zeros(1))
+
+
+def silent(rig):
+    return replace(rig, covariance=None)
+
+
+def known_to(rig, px):
+    """A rig whose principal points are known to some pixels."""
+    sigma = np.zeros((len(rig.cameras), 15))
+    sigma[:, 2:4] = px
+    return replace(rig, covariance=RigCovariance(rig.names, np.diag(sigma.ravel() ** 2)))
+
+
+UNPLACED, PLACED = (replace(CODED, placement_sigma_mm=mm) for mm in (None, 0.05))
+
+
+class System:
+    """Places that a rig shows, their slopes by the pose and their noise."""
+
+    def __init__(self, rig, seed=0, views=None):
+        facing = [slants(CODED, POSE, c.centre) < np.deg2rad(60) for c in rig.cameras]
+        camera, marker = np.array(np.nonzero(facing) if views is None else views)
+        points = POSE.apply(CODED.marker_centres)[marker]
+        k = len(camera)
+        self.J = motion_slopes(rig, camera, points, POSE.translation).reshape(2 * k, 6)
+        rng = np.random.default_rng(seed)
+        self.noise = np.diag((SIGMA_PX * rng.uniform(0.5, 2.0, 2 * k)) ** 2)
+        weighted = np.linalg.solve(self.noise, self.J)
+        self.by_noise = np.linalg.inv(self.J.T @ weighted)
+        self.gain = self.by_noise @ weighted.T
+        self.places = Response(self.gain.reshape(6, k, 2), camera, points, marker)
+
+    def fit(self, y):
+        """The fit by the noise alone to places that are seen y (2 k,) beside those of `POSE`, and its
+        error; all is linear about `POSE`, which stands for the fit.
+        """
+        error = self.gain @ y
+        fit = LinearFit(
+            POSE,
+            self.by_noise,
+            self.places,
+            (y - self.J @ error).reshape(-1, 2),
+            self.noise,
+            self.J,
+        )
+        return fit, error
+
+
+def gauss_markov(J, y, V):
+    """Estimate, covariance and chi-square of generalised least squares."""
+    root = np.linalg.cholesky(V)
+    A, b = np.linalg.solve(root, J), np.linalg.solve(root, y)
+    estimate = lstsq(A, b)[0]
+    return estimate, np.linalg.inv(A.T @ A), float(((b - A @ estimate) ** 2).sum())
+
+
+def possible(system, rig, handle, stated, unstated, priors):
+    """Every prior case: logarithm of its weight, fault, and covariance of the places for q = 1."""
+    base = system.noise + sum((A @ A.T for A in stated), 0 * system.noise)
+    sizes = [(0.0, 0 * base)]
+    for A, prior in unstated:
+        sizes = [(w + v, S + s * A @ A.T) for w, S in sizes for s, v in zip(*prior, strict=True)]
+    faults = [("", np.log(NO_FAULT), 0 * base)]
+    shapes = components.faults(
+        system.places, rig, handle, POSE.translation, default_covariance(rig)
+    )
+    for name in priors:
+        A = shapes[name]().shape
+        faults += [(name, v, s * A @ A.T) for s, v in zip(*priors[name], strict=True)]
+    return [(w + v, name, base + S + T) for w, S in sizes for name, v, T in faults]
+
+
+def integrated(J, y, cases):
+    """Mean and covariance of the pose, and weights of the faults: a sum over all cases and a dense
+    grid of scales q, by the restricted likelihood as it is in textbooks.
+    """
+    log_q = np.linspace(np.log(1e-2), np.log(1e6), 600)
+    q = np.exp(log_q)
+    log_prior = chi2.logpdf(FREEDOM / q, FREEDOM) - log_q  # of the logarithm, up to a constant
+    m = len(y) - J.shape[1]
+    logs, means, covariances, names, of_q = [], [], [], [], []
+    for log_weight, name, V in cases:
+        estimate, covariance, square = gauss_markov(J, y, V)
+        log_dets = np.linalg.slogdet(V)[1] - np.linalg.slogdet(covariance)[1]
+        joint = log_prior - m / 2 * log_q - square / (2 * q)
+        logs.append(log_weight - log_dets / 2 + logsumexp(joint))
+        of_q.append(np.exp(joint - logsumexp(joint)) @ q)
+        means.append(estimate)
+        covariances.append(covariance)
+        names.append(name)
+    weights = np.exp(logs - logsumexp(logs))
+    mean = weights @ np.array(means)
+    spread = np.array(means) - mean
+    covariance = np.einsum("n,nij->ij", weights * of_q, covariances) + (weights * spread.T) @ spread
+    by_fault = {name: weights[np.array(names) == name].sum() for name in names}
+    return mean, covariance, by_fault
+
+
+SETUPS = {
+    "silent rig": (silent(PAIR), CODED),
+    "silent rig of three": (silent(THREE), PLACED),
+    "silent handle": (known_to(PAIR, 0.3), UNPLACED),
+    "both silent": (silent(THREE), UNPLACED),
+    "both stated": (known_to(THREE, 0.3), PLACED),
+    "exact rig": (THREE, UNPLACED),
+}
+
+
+def prior_of(system, rig, handle):
+    """`possible` of a rig and a handle, by the rules that the module's documentation states."""
+    stated, unstated, faults = [], [], dict(FAULTS)
+    if rig.covariance is None:
+        default = default_covariance(rig)
+        unstated.append(
+            (components.of_rig(system.places, rig, default).shape, components.SILENT_RIG)
+        )
+        del faults["another rig"]
+    elif not rig.covariance.is_exact:
+        stated.append(components.of_rig(system.places, rig, rig.covariance).shape)
+    if handle.placement_sigma_mm is None:
+        stated.append(components.of_scale(system.places, rig).shape)
+        placement = components.of_placement(system.places, rig, PLACEMENT_MM).shape
+        unstated.append((placement, components.SILENT_PLACEMENT))
+        del faults["markers off their places"]
+    elif handle.placement_sigma_mm > 0:
+        mm = handle.placement_sigma_mm
+        stated.append(components.of_placement(system.places, rig, mm).shape)
+    return possible(system, rig, handle, stated, unstated, faults)
+
+
+def drawn(cases, rng):
+    """Places (2 k,) from the prior."""
+    weights = np.exp([log_weight for log_weight, *_ in cases])
+    _, name, V = cases[rng.choice(len(cases), p=weights / weights.sum())]
+    q = FREEDOM / rng.chisquare(FREEDOM)
+    return name, np.linalg.cholesky(q * V) @ rng.standard_normal(len(V))
+
+
+@pytest.mark.parametrize("name", SETUPS)
+def test_an_assessment_is_the_integral_over_sizes_and_scale(name, monkeypatch):
+    monkeypatch.setattr(assessment, "FEWEST_WEIGHT", 0.0)
+    rig, handle = SETUPS[name]
+    system = System(rig)
+    cases = prior_of(system, rig, handle)
+    rng = np.random.default_rng(3)
+    for _ in range(3):
+        y = drawn(cases, rng)[1]
+        fit, error = system.fit(y)
+        found = assess(fit, rig, handle)
+        mean, covariance, by_fault = integrated(system.J, y, cases)
+        sigma = np.sqrt(np.diag(covariance))
+        np.testing.assert_allclose((error + found.correction - mean) / sigma, 0, atol=1e-4)
+        np.testing.assert_allclose(
+            (found.covariance_random + found.systematic - covariance) / np.outer(sigma, sigma),
+            0,
+            atol=1e-4,
+        )
+        assert found.weights == pytest.approx(by_fault, abs=1e-4)
+        moved = motion_between(found.T_world_handle, POSE)
+        np.testing.assert_allclose(moved, found.correction, atol=1e-9)
+
+
+def test_the_table_of_sizes_is_fine_enough(monkeypatch):
+    """Against sixteen times as many, for a rig that states nothing."""
+    rig = silent(THREE)
+    system = System(rig)
+    cases = prior_of(system, rig, CODED)
+    rng = np.random.default_rng(4)
+    places = [drawn(cases, rng)[1] for _ in range(10)]
+
+    def assessed():
+        return [assess(system.fit(y)[0], rig, CODED) for y in places]
+
+    found = assessed()
+    monkeypatch.setattr(assessment, "SILENT_RIG", half_cauchy(1e-4, 1e4, 257, scale=2.0))
+    for coarse, fine in zip(found, assessed(), strict=True):
+        total = fine.covariance_random + fine.systematic
+        away = coarse.correction - fine.correction
+        assert away @ np.linalg.solve(total, away) < 0.1**2
+        ratio = np.diag(coarse.covariance_random + coarse.systematic) / np.diag(total)
+        np.testing.assert_allclose(np.sqrt(ratio), 1, atol=0.1)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SETUPS)
+@pytest.mark.parametrize(("seed", "count"), [(5, 400)])
+def test_nees_of_draws_from_the_prior_is_six(name, seed, count):
+    """Whatever is wrong and of whatever size: the posterior covariance of what was drawn."""
+    rig, handle = SETUPS[name]
+    system = System(rig)
+    cases = prior_of(system, rig, handle)
+    rng = np.random.default_rng(seed)
+    values, of_noise = [], []
+    for _ in range(count):
+        fit, error = system.fit(drawn(cases, rng)[1])
+        found = assess(fit, rig, handle)
+        e = error + found.correction
+        values.append(e @ np.linalg.solve(found.covariance_random + found.systematic, e))
+        of_noise.append(error @ np.linalg.solve(fit.covariance, error))
+    assert abs(np.mean(values) - 6) < 3.3 * np.std(values) / np.sqrt(count)  # one in a thousand
+    assert np.mean(of_noise) > 30
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_large_fault_is_recognised(fault):
+    """In most draws: with six or so residuals the faults look alike at times."""
+    rig = known_to(THREE, 0.05)
+    system = System(rig)
+    cases = [(w, n, V) for w, n, V in prior_of(system, rig, CODED) if n in ("", fault)]
+    _, _, V = cases[-1]  # the largest
+    rng = np.random.default_rng(6)
+    found = [
+        assess(system.fit(np.linalg.cholesky(V) @ rng.standard_normal(len(V)))[0], rig, CODED)
+        for _ in range(20)
+    ]
+    assert np.mean([one.weights[""] for one in found]) < 0.05
+    assert np.mean([one.weights[fault] for one in found]) > 0.5
+
+
+@pytest.mark.parametrize("rig", [PAIR, THREE], ids=["pair", "three"])
+def test_noise_of_an_exact_rig_and_handle_is_the_fits_own(rig):
+    system = System(rig)
+    rng = np.random.default_rng(7)
+    kept = 0
+    for _ in range(50):
+        fit, _ = system.fit(np.sqrt(np.diag(system.noise)) * rng.standard_normal(len(system.J)))
+        found = assess(fit, rig, CODED)
+        kept += found.T_world_handle is fit.T_world_handle and found.information is None
+        if not found.correction.any():
+            np.testing.assert_array_equal(found.covariance_random, fit.covariance)
+            assert not found.systematic.any()
+    assert kept >= 47  # one in a hundred is not: fewer than 47 of 50 once in 600
+
+
+def test_residuals_that_are_no_noise_make_an_exact_rigs_pose_less_sure():
+    system = System(THREE)
+    noise = np.sqrt(np.diag(system.noise)) * np.random.default_rng(8).standard_normal(len(system.J))
+    sigmas = []
+    for times in (1, 3, 10):
+        fit, error = system.fit(times * noise)
+        found = assess(fit, THREE, CODED)
+        total = found.covariance_random + found.systematic
+        sigmas.append(np.sqrt(np.trace(total[:3, :3])))
+        e = error + found.correction
+        assert e @ np.linalg.solve(total, e) < chi2.ppf(0.99, 6)
+    assert sigmas[0] == pytest.approx(np.sqrt(np.trace(system.by_noise[:3, :3])))
+    assert sigmas[1] > 2 * sigmas[0]
+    assert sigmas[2] > 2 * sigmas[1]
+
+
+def without_faults(monkeypatch):
+    """As if nothing could be wrong."""
+    monkeypatch.setattr(
+        assessment, "FAULTS", dict.fromkeys(FAULTS, Prior(np.ones(1), np.full(1, -99.0)))
+    )
+
+
+@pytest.mark.parametrize("rig", [known_to(PAIR, 0.3), known_to(THREE, 0.3)], ids=["pair", "three"])
+def test_where_all_is_stated_and_nothing_wrong_it_is_generalised_least_squares(rig, monkeypatch):
+    without_faults(monkeypatch)
+    system = System(rig)
+    slopes = by_parameters(system.places, rig)
+    placement = components.of_placement(system.places, rig, 0.05).shape
+    V = system.noise + slopes @ rig.covariance.matrix @ slopes.T + placement @ placement.T
+    y = np.linalg.cholesky(V) @ np.random.default_rng(9).standard_normal(len(V))
+    fit, error = system.fit(y)
+    found = assess(fit, rig, PLACED)
+    estimate, covariance, square = gauss_markov(system.J, y, V)
+    np.testing.assert_allclose(error + found.correction, estimate, rtol=1e-6)
+    scale = (FREEDOM + square) / (FREEDOM + len(y) - 6 - 2)
+    np.testing.assert_allclose(
+        found.covariance_random + found.systematic, scale * covariance, rtol=1e-6
+    )
+    # what no pixel of another instant averages away
+    gain = covariance @ np.linalg.solve(V, system.J).T
+    np.testing.assert_allclose(
+        found.covariance_random, scale * gain @ system.noise @ gain.T, rtol=1e-6
+    )
+
+
+def test_the_rig_that_a_fit_is_made_with_does_not_matter():
+    """Of a linear system: its residuals are those of the other one, and so is its pose."""
+    rig = silent(THREE)
+    system = System(rig)
+    rng = np.random.default_rng(10)
+    root = np.linalg.cholesky(default_covariance(rig).matrix + 1e-18 * np.eye(45))
+    true, here = (root @ rng.standard_normal(45) for _ in range(2))
+    near = displaced(rig, 0.02 * here)
+    slopes = by_parameters(system.places, rig)
+    y = slopes @ true + np.sqrt(np.diag(system.noise)) * rng.standard_normal(len(system.J))
+    fit, error = system.fit(y)
+    other, other_error = system.fit(y - slopes @ difference(near, rig).ravel())
+    found, there = assess(fit, rig, CODED), assess(other, rig, CODED, near)
+    sigma = np.sqrt(np.diag(found.covariance_random + found.systematic))
+    moved = error + found.correction - other_error - there.correction
+    np.testing.assert_allclose(moved / sigma, 0, atol=0.01)
+    shift = slopes @ (found.displacement - there.displacement)
+    np.testing.assert_allclose(shift, 0, atol=0.01 * np.abs(slopes @ found.displacement).max())
+
+
+def test_instants_one_after_the_other_are_all_of_them_together(monkeypatch):
+    """Of one rig, whose covariance is stated, and with a scale that is certain: the last pose is that
+    of the joint fit of all poses and the rig.
+    """
+    without_faults(monkeypatch)
+    monkeypatch.setattr(assessment, "MEMORY", 1.0)
+    monkeypatch.setattr(assessment, "LEAST_INFORMATION", 1e-9)
+    monkeypatch.setattr(assessment, "FREEDOM", 1e9)
+    rig = known_to(THREE, 0.3)
+    rng = np.random.default_rng(11)
+    systems = [System(rig, seed) for seed in range(4)]
+    d = np.sqrt(np.diag(rig.covariance.matrix)) * rng.standard_normal(45)
+    earlier, rows = None, []
+    for k, system in enumerate(systems):
+        slopes = by_parameters(system.places, rig)
+        y = slopes @ d + np.sqrt(np.diag(system.noise)) * rng.standard_normal(len(slopes))
+        fit, error = system.fit(y)
+        found = assess(fit, rig, CODED, earlier=earlier)
+        earlier = found.information if earlier is None else earlier.then(found.information)
+        poses = [system.J if j == k else 0 * system.J for j in range(len(systems))]
+        rows.append((np.hstack([*poses, slopes[:, [2, 3, 17, 18, 32, 33]]]), y))
+    # the rig's six numbers are seen once more, in the file, to be zero
+    J = np.vstack([*(row for row, _ in rows), np.eye(6, 30, 24)])
+    y = np.concatenate([*(y for _, y in rows), np.zeros(6)])
+    variances = np.concatenate([*(np.diag(s.noise) for s in systems), np.full(6, 0.3**2)])
+    estimate, covariance, _ = gauss_markov(J, y, np.diag(variances))
+    np.testing.assert_allclose(error + found.correction, estimate[18:24], rtol=1e-4, atol=1e-7)
+    total = found.covariance_random + found.systematic
+    sigma = np.sqrt(np.diag(total))
+    np.testing.assert_allclose(
+        (total - covariance[18:24, 18:24]) / np.outer(sigma, sigma), 0, atol=1e-4
+    )
+    np.testing.assert_allclose(
+        found.displacement.reshape(3, 15)[:, 2:4].ravel(), estimate[24:], atol=1e-5
+    )
+    alone = assess(fit, rig, CODED)
+    assert np.trace(total) < 0.7 * np.trace(alone.covariance_random + alone.systematic)
+
+
+def test_what_is_older_counts_for_less():
+    one, other = (RigInformation(v * np.eye(2), np.full(2, v)) for v in (1.0, 10.0))
+    both = one.then(other)
+    np.testing.assert_allclose(both.matrix, 10.9 * np.eye(2))
+    np.testing.assert_allclose(both.vector, 10.9)
+
+
+FEW = {
+    "one marker in two images": ([0, 1], [3, 3]),
+    "three places": ([0, 0, 1], [0, 4, 4]),
+    "three places and one more": ([0, 0, 1, 1], [0, 4, 4, 0]),
+    "one camera": ([0] * 6, [0, 1, 2, 3, 4, 5]),
+}
+
+
+@pytest.mark.parametrize("views", FEW.values(), ids=FEW)
+@pytest.mark.parametrize("name", SETUPS)
+@pytest.mark.filterwarnings("error")
+def test_few_places_have_covariances(name, views):
+    """None, one and some residuals: symmetric matrices without a negative eigenvalue."""
+    rig, handle = SETUPS[name]
+    camera, marker = map(np.array, views)
+    k = len(camera)
+    points = POSE.apply(CODED.marker_centres)[marker]
+    J = motion_slopes(rig, camera, points, POSE.translation).reshape(2 * k, 6)
+    gain = np.linalg.pinv(J)
+    noise = SIGMA_PX**2 * np.eye(2 * k)
+    residuals = 0.1 * np.random.default_rng(12).standard_normal((k, 2))
+    answers = Response(gain.reshape(6, k, 2), camera, points, marker)
+    covariance = gain @ noise @ gain.T + 1e-6 * np.eye(6)
+    explained = np.linalg.qr(J)[0][:, : np.linalg.matrix_rank(J)]
+    fit = LinearFit(POSE, covariance, answers, residuals, noise, explained)
+    found = assess(fit, rig, handle)
+    for part in (found.covariance_random, found.systematic):
+        np.testing.assert_allclose(part, part.T, atol=1e-12 * np.abs(part).max())
+        assert np.linalg.eigvalsh(part)[0] > -1e-9 * np.abs(part).max()
+    assert np.isfinite(found.correction).all()
+    assert np.isfinite(found.displacement).all()
+    assert sum(found.weights.values()) == pytest.approx(1)
+    assert 0 <= found.wrong <= 1
+
+
+def test_neither_the_order_of_places_nor_of_cameras_matters():
+    rig = silent(THREE)
+    system = System(rig)
+    y = 0.3 * np.random.default_rng(13).standard_normal(len(system.J))
+    fit, _ = system.fit(y)
+    found = assess(fit, rig, UNPLACED)
+    places = fit.response
+    order = np.random.default_rng(14).permutation(len(places.points))
+    rows = (2 * order[:, None] + [0, 1]).ravel()
+    mixed = fit._replace(
+        response=Response(
+            places.gain[:, order],
+            2 - places.camera[order],
+            places.points[order],
+            places.marker[order],
+        ),
+        residuals_px=fit.residuals_px[order],
+        noise=fit.noise[np.ix_(rows, rows)],
+        explained=fit.explained[rows],
+    )
+    other = assess(mixed, rig.part([2, 1, 0]), UNPLACED)
+    np.testing.assert_allclose(other.correction, found.correction, rtol=1e-6, atol=1e-10)
+    for part in ("covariance_random", "systematic"):
+        one = getattr(found, part)
+        np.testing.assert_allclose(getattr(other, part), one, rtol=1e-6, atol=1e-9 * one.max())
+    assert other.weights == pytest.approx(found.weights)
+
+
+@pytest.mark.parametrize(
+    ("mm", "deg", "wrong"), [(1.0, 0.1, 0.0455), (0.1, 2.5, 0.0455), (9, 9, 1)]
+)
+def test_the_chance_that_a_pose_is_wrong(mm, deg, wrong):
+    """Beyond two standard deviations of a normal distribution lie 4.55 %."""
+    covariance = np.diag([mm, 0, 0, np.deg2rad(deg), 0, 0]) ** 2
+    found = assessment.Assessment(POSE, covariance, 0 * covariance, np.zeros(30), {}, np.zeros(6))
+    assert found.wrong == pytest.approx(wrong, abs=1e-4)
+
+
+@pytest.mark.parametrize("estimator", ["patches", "reprojection"])
+def test_a_pose_is_nearer_at_the_rig_that_its_residuals_make_likely(estimator):
+    """One image of a pair is shifted by half a pixel along the baseline: the distance is wrong, and so
+    is the handle's size.
+    """
+    rig = known_to(PAIR, 0.3)
+    true = displaced(rig, 0.5 * np.eye(30)[2])
+    images = render_rig(true, CODED, POSE, Bench(), np.random.default_rng(3))
+    by_noise = {"patches": fit_patches, "reprojection": fit_centroids}[estimator](
+        images, rig, CODED, POSE
+    )
+    instant = Identified(images, np.empty(0), POSE, rig)
+    pose = fitted_pose(instant, rig, CODED, Parameters(estimator=estimator))
+    away = motion_between(pose.T_world_handle, POSE)
+    uncorrected = motion_between(by_noise.T_world_handle, POSE)
+    assert np.linalg.norm(uncorrected[:3]) > 0.3  # mm
+    assert np.linalg.norm(away[:3]) < 0.5 * np.linalg.norm(uncorrected[:3])
+    assert away @ np.linalg.solve(pose.covariance, away) < chi2.ppf(0.99, 6)
+
+
+@pytest.mark.slow
+def test_a_rolling_shutter_turns_a_pose_less_than_the_noise_says():
+    """Ten instants of a pair: the fit by the noise is turned and does not know it."""
+    angles, values = {"fit": [], "assessed": []}, {"fit": [], "assessed": []}
+    for T, taken in zip(*instants("rolling shutter 10 ms", "coded", 0), strict=True):
+        images, rig = taken.frames[:2], silent(taken.rig.part([0, 1]))
+        fit = fit_patches(images, rig, CODED, T)
+        found = assess(fit.linear, rig, CODED)
+        for name, pose, covariance in (
+            ("fit", fit.T_world_handle, fit.covariance),
+            ("assessed", found.T_world_handle, found.covariance_random + found.systematic),
+        ):
+            angles[name].append(np.linalg.norm(motion_between(pose, T)[3:]))
+            values[name].append(nees(pose, covariance, T)[0])
+    assert np.mean(angles["assessed"]) < 0.5 * np.mean(angles["fit"])
+    assert np.mean(values["assessed"]) < 0.02 * np.mean(values["fit"])
+
+
+def test_the_papers_chain_assesses_nothing_until_its_covariance_is_asked_for(monkeypatch):
+    calls = []
+
+    def counted(*arguments):
+        calls.append(arguments)
+        return assess(*arguments)
+
+    monkeypatch.setattr(paper, "assess", counted)
+    images = render_rig(PAIR, CODED, POSE, Bench(), np.random.default_rng(15))
+    pose = measure(images, PAIR, CODED, POSE).pose
+    assert pose.status == "measured"
+    assert not calls
+    assert np.isfinite(pose.sigma_mm)
+    assert pose.systematic_mm >= 0
+    assert pose.sigma_deg > 0
+    assert len(calls) == 1
