@@ -61,7 +61,6 @@ sweeps: .venv/package.done  ## make the tables in data/sweeps and data/sensitivi
 	@$(BIN)/python -m workbench.studies fitts
 	@$(BIN)/python -m workbench.studies match_rivals
 	@$(BIN)/python -m workbench.studies stress
-	@$(BIN)/python -m workbench.studies stress_silent
 	@$(BIN)/python -m workbench.studies webcams
 	@$(BIN)/python -m workbench.studies bound
 	@$(BIN)/python -m workbench.studies gallery

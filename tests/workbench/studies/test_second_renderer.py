@@ -40,8 +40,10 @@ def assert_is_shipped(found, *keys):
 
 def test_a_row_by_hand():
     """Errors of 1 and 3 mm with sigmas of 1 mm: the rms of error by sigma is root 5."""
-    lost = Deviation(*[np.nan] * 4)
-    row = study.judged([Deviation(1.0, 6.0, 1.0, 2.0), Deviation(3.0, 2.0, 1.0, 2.0), lost])
+    lost = Deviation(*[np.nan] * 5)
+    row = study.judged(
+        [Deviation(1.0, 6.0, 1.0, 2.0, 9.0), Deviation(3.0, 2.0, 1.0, 2.0, 9.0), lost]
+    )
     assert (row["n"], row["measured"], row["wrong"]) == (3, 2, 2)
     assert (row["mean_mm"], row["mean_deg"]) == (2.0, 4.0)
     assert row["error_by_sigma_mm"] == pytest.approx(np.sqrt(5))
@@ -200,7 +202,7 @@ def test_the_table_is_of_both_renderers_and_ends_with_the_film(kept, monkeypatch
 
     def measured(frames, truths, handle):
         return {
-            key: [Deviation(mm, 1.0, 1.0, 1.0) for mm in frames]
+            key: [Deviation(mm, 1.0, 1.0, 1.0, 1.0) for mm in frames]
             for key in product(recipe.RIGS, [BEST])
         }
 
@@ -213,7 +215,7 @@ def test_the_table_is_of_both_renderers_and_ends_with_the_film(kept, monkeypatch
     monkeypatch.setattr(study, "read", lambda path: [1.0, 1.0])
     monkeypatch.setattr(study, "ours", lambda truths, handle: [2.0] * len(truths))
     monkeypatch.setattr(study, "measured", measured)
-    monkeypatch.setattr(study, "followed", lambda path: [Deviation(3.0, 1.0, 1.0, 1.0)] * 2)
+    monkeypatch.setattr(study, "followed", lambda path: [Deviation(3.0, 1.0, 1.0, 1.0, 1.0)] * 2)
     table = study.make_table(folder)
     assert rendered == [0, 1, 2]
     keys = ["renderer", "rig", "handle", "estimator"]

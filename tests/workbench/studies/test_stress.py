@@ -6,20 +6,21 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import RigidTransform
 
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from trinolab.measurement import measure
 from trinolab.methods import BEST
 from trinolab.pose import LOST, Pose
 from workbench.intervals import highest_share
-from workbench.studies import stress, stress_silent
+from workbench.studies import stress
 from workbench.studies.__main__ import main
 from workbench.studies.broken import FAULTS, covariance_of_such
 from workbench.studies.replication import EVERY, Deviation, deviation
 from workbench.sweep import runs
 
-HELD = [Deviation(0.3, 1.0, 0.1, 1.0), Deviation(2.5, 2.0, 0.5, 1.0)]
-MISSING = Deviation(np.nan, np.nan, np.nan, np.nan)
+HELD = [Deviation(0.3, 1.0, 0.1, 1.0, 10.0), Deviation(2.5, 2.0, 0.5, 1.0, 30.0)]
+MISSING = Deviation(*[np.nan] * 5)
 DIGITS = 1e-5  # of the shipped table
 
 
@@ -32,6 +33,10 @@ def test_a_pose_is_held_against_the_nearest_equivalent_of_its_truth():
     assert (found.mm, found.deg) == pytest.approx((0.0, 0.0), abs=1e-9)
     assert found.sigma_mm == pytest.approx(0.03 * np.sqrt(3))
     assert found.sigma_deg == pytest.approx(0.5 * np.sqrt(3))
+    assert found.nees == pytest.approx(0.0, abs=1e-9)
+    off = T * handle.symmetries[4] * RigidTransform.from_translation([0.0, 0.06, 0.0])
+    # two sigmas along one axis of the position
+    assert deviation(Pose("measured", off, spread, 0.1, 4, 2), T, handle).nees == pytest.approx(4)
     for pose in (LOST, Pose("ambiguous", T, spread, 0.1, 4, 2)):
         lost = deviation(pose, T, handle)
         assert not lost.measured
@@ -40,7 +45,7 @@ def test_a_pose_is_held_against_the_nearest_equivalent_of_its_truth():
 
 def test_wrong_is_beyond_two_millimetres_or_five_degrees():
     pairs = [(1.9, 4.9), (2.1, 0.0), (0.0, 5.1)]
-    assert [Deviation(mm, deg, 1.0, 1.0).wrong for mm, deg in pairs] == [False, True, True]
+    assert [Deviation(mm, deg, 1.0, 1.0, 1.0).wrong for mm, deg in pairs] == [False, True, True]
 
 
 def test_blocks_add_up_to_a_row():
@@ -59,15 +64,24 @@ def test_blocks_add_up_to_a_row():
     # two blocks with a pose each: drawn again, both are one of them in half of the cases
     assert row["error_by_sigma_low_mm"] == pytest.approx(3.0)
     assert row["error_by_sigma_high_mm"] == pytest.approx(5.0)
+    # NEES 10 and 30: the quantiles lie between them, as far along
+    assert (row["nees"], row["nees_95"], row["nees_99"]) == pytest.approx((20.0, 29.0, 29.8))
 
 
 def test_unforeseen_is_what_five_sigmas_do_not_cover():
     poses = [(2.5, 0.6, 1.0), (2.5, 0.4, 1.0), (1.9, 0.1, 1.0), (0.1, 0.1, 6.0)]  # mm, sigma, deg
-    found = [stress.unforeseen(Deviation(mm, deg, sigma, 1.0)) for mm, sigma, deg in poses]
+    found = [stress.unforeseen(Deviation(mm, deg, sigma, 1.0, 1.0)) for mm, sigma, deg in poses]
     assert found == [False, True, False, True]
     # each by its own sigma: 6 deg are covered by 1.3 deg, whatever the position is said to be
-    assert not stress.unforeseen(Deviation(0.1, 6.0, 0.01, 1.3))
-    assert stress.unforeseen(Deviation(0.1, 6.0, 100.0, 1.1))
+    assert not stress.unforeseen(Deviation(0.1, 6.0, 0.01, 1.3, 1.0))
+    assert stress.unforeseen(Deviation(0.1, 6.0, 100.0, 1.1, 1.0))
+
+
+def test_beyond_is_more_than_five_sigmas_however_little_that_is():
+    poses = [(0.06, 0.01, 0.1), (0.04, 0.01, 0.1), (0.04, 0.01, 0.6)]  # mm, sigma, deg; 0.1 deg
+    found = [stress.beyond(Deviation(mm, deg, sigma, 0.1, 1.0)) for mm, sigma, deg in poses]
+    assert found == [True, False, True]
+    assert stress.sums([Deviation(0.06, 0.1, 0.01, 0.1, 1.0), MISSING])["beyond"] == 1
 
 
 def test_blocks_that_an_estimator_has_not_measured_do_not_count():
@@ -77,15 +91,17 @@ def test_blocks_that_an_estimator_has_not_measured_do_not_count():
 
 def test_a_fault_is_both_handles_together():
     """Two of four poses at 1 mm and 3 sigmas, and one of six at 4 mm and 6 sigmas."""
-    common = {"fault": "rain", "rig": "r", "estimator": "e", "unforeseen": 1}
+    common = {"fault": "rain", "rig": "r", "estimator": "e", "unforeseen": 1, "beyond": 2}
     numbers = [
-        {"n": 4, "measured": 2, "wrong": 0, "mean_mm": 1.0, "error_by_sigma_mm": 3.0},
-        {"n": 6, "measured": 1, "wrong": 1, "mean_mm": 4.0, "error_by_sigma_mm": 6.0},
+        {"n": 4, "measured": 2, "wrong": 0, "mean_mm": 1.0, "error_by_sigma_mm": 3.0, "nees": 3.0},
+        {"n": 6, "measured": 1, "wrong": 1, "mean_mm": 4.0, "error_by_sigma_mm": 6.0, "nees": 9.0},
     ]
     angles = {"mean_deg": np.nan, "error_by_sigma_deg": np.nan}
     table = pd.DataFrame([{**common, **row, **angles} for row in numbers])
     (row,) = stress.by_fault(table, "r", "e").to_dict("records")
     assert (row["n"], row["measured"], row["wrong"], row["unforeseen"]) == (10, 0.3, 1, 2)
+    assert row["beyond"] == 4
+    assert row["NEES"] == pytest.approx(5.0)
     assert row["mm"] == pytest.approx(2.0)
     assert row["by sigma, mm"] == pytest.approx(np.sqrt((9 + 9 + 36) / 3))
     assert row["wrong, at most"] == pytest.approx(0.394, abs=1e-3)
@@ -135,10 +151,11 @@ def test_a_block_without_a_fault(monkeypatch):
     monkeypatch.setattr(stress, "BLOCK", 1)
     monkeypatch.setattr(stress, "EVERY", {name: EVERY[name] for name in ("patches",)})
     found = stress.trial("none", "coded", 0)
-    assert set(found) == {f"{rig}/patches/{name}" for rig in stress.RIGS for name in stress.SUMS}
-    assert found["paper_pair/patches/measured"] == found["paper_pair/patches/n"] == 1
-    assert found["raised_40deg/patches/wrong"] == 0
-    assert 0 < found["raised_40deg/patches/largest_mm"] < 0.05
+    files = product((stress.STATED, stress.SILENT), stress.RIGS, (*stress.SUMS, "nees_0"))
+    assert set(found) == {f"{file}/{rig}/patches/{name}" for file, rig, name in files}
+    assert found["stated/paper_pair/patches/measured"] == found["stated/paper_pair/patches/n"] == 1
+    assert found["stated/raised_40deg/patches/wrong"] == 0
+    assert 0 < found["stated/raised_40deg/patches/largest_mm"] < 0.05
     assert found == stress.trial("none", "coded", 0)
     assert found != stress.trial("none", "coded", 1)
 
@@ -170,19 +187,18 @@ def test_centroids_that_lead_away_are_no_pose():
 def test_later_rounds_are_those_of_two_estimators(monkeypatch):
     monkeypatch.setattr(stress, "BLOCK", 1)
     found = stress.trial("gamma 0.6", "paper", stress.FIRST_ROUNDS)
-    assert {name.split("/")[1] for name in found} == set(stress.OFTEN)
+    assert {name.split("/")[2] for name in found} == set(stress.OFTEN)
 
 
 @pytest.mark.slow
-def test_a_silent_block_is_one_of_rigs_that_say_nothing(monkeypatch):
+def test_a_silent_file_is_one_that_states_nothing(monkeypatch):
     """Its poses are less certain than those of the same images and rigs that state to be exact."""
     monkeypatch.setattr(stress, "BLOCK", 2)
-    silent = stress_silent.trial("none", "coded", 0)
-    exact = stress.trial("none", "coded", 0)
-    assert silent["paper_pair/patches/measured"] == 2
+    monkeypatch.setattr(stress, "EVERY", {BEST: EVERY[BEST]})
+    found = stress.trial("none", "coded", 0)
+    assert found["silent/paper_pair/patches/measured"] == 2
     for rig in stress.RIGS:
-        name = f"{rig}/patches/ratios_mm"
-        assert silent[name] < exact[name]
+        assert found[f"silent/{rig}/patches/nees"] < found[f"stated/{rig}/patches/nees"]
 
 
 # --- the command
@@ -190,65 +206,65 @@ def test_a_silent_block_is_one_of_rigs_that_say_nothing(monkeypatch):
 
 def quick(fault, handle, block):
     DONE.append((fault, handle, block))
-    sums = dict(zip(stress.SUMS, [10.0, 8.0, 0.0, 0.0, *[1.0] * 8], strict=True))
+    sums = dict(zip(stress.SUMS, [10.0, 8.0, 0.0, 0.0, 0.0, 40.0, *[1.0] * 8], strict=True))
+    sums |= {f"nees_{k}": 5.0 for k in range(8)}
     names = EVERY if block < stress.FIRST_ROUNDS else stress.OFTEN
-    return {f"{r}/{e}/{k}": v for r in stress.RIGS for e in names for k, v in sums.items()}
+    files = (stress.STATED, stress.SILENT)[: 1 + (fault in stress.SILENT_FAULTS)]
+    cells = product(files, stress.RIGS, names, sums.items())
+    return {f"{file}/{rig}/{one}/{name}": value for file, rig, one, (name, value) in cells}
 
 
 DONE = []
+CHOSEN = "none", "calibration 0.1 px, 0.005 deg"
 
 
 def test_more_rounds_add_to_those_that_are_kept(monkeypatch, tmp_path):
     monkeypatch.setattr(stress, "trial", quick)
     monkeypatch.setattr(runs, "figure", lambda found: b"")  # what it shows is tested with sweeps
-    monkeypatch.setattr(stress, "FAULTS", {name: FAULTS[name] for name in ("none", "JPEG 60")})
+    monkeypatch.setattr(stress, "FAULTS", {name: FAULTS[name] for name in CHOSEN})
     monkeypatch.setattr(stress, "HANDLES", ("coded",))
     command = ["stress", "--out", str(tmp_path), "--kept", str(tmp_path / "kept"), "--workers", "1"]
     monkeypatch.setattr(stress, "FIRST_ROUNDS", 1)
     assert main([*command, "--instants", "10"]) == 0
     first = pd.read_csv(tmp_path / "stress.csv")
     assert set(first["n"]) == {10}
-    assert DONE == [("none", "coded", 0), ("JPEG 60", "coded", 0)]
+    assert [(name, "coded", 0) for name in CHOSEN] == DONE
     DONE.clear()
     assert main([*command, "--instants", "20"]) == 0
-    assert DONE == [("none", "coded", 1), ("JPEG 60", "coded", 1)]
+    assert [(name, "coded", 1) for name in CHOSEN] == DONE
     second = pd.read_csv(tmp_path / "stress.csv")
     assert list(second.columns) == list(first.columns)
     counts = second.groupby("estimator")["n"].unique().explode().to_dict()
     assert counts == {name: 20 if name in stress.OFTEN else 10 for name in EVERY}
+    assert set(second["fault"]) == set(CHOSEN)
+    assert set(second["nees"]) == {5.0}
+    assert set(pd.read_csv(tmp_path / "stress_silent.csv")["fault"]) == {"none"}
 
 
 # --- the shipped table
 
 
-def test_table_is_whole():
-    table = load_sweep("stress")
+@pytest.mark.parametrize(
+    ("name", "faults"), [("stress", FAULTS), ("stress_silent", stress.SILENT_FAULTS)]
+)
+def test_table_is_whole(name, faults):
+    table = load_sweep(name)
     keys = ["fault", "handle", "rig", "estimator"]
-    expected = list(product(FAULTS, stress.HANDLES, stress.RIGS, EVERY))
-    assert list(table[keys].itertuples(index=False, name=None)) == expected
-    often = table["estimator"].isin(stress.OFTEN)
-    assert (table["n"][~often] == stress.FIRST_ROUNDS * stress.BLOCK).all()
-    assert table["n"][often].nunique() == 1
-    assert (table["wrong"] <= table["measured"]).all()
-    assert (table["unforeseen"] <= table["wrong"]).all()
-    assert (table["seed"] == stress.SEED).all()
-    for unit in ("mm", "deg"):
-        ends = table[[f"error_by_sigma_low_{unit}", f"error_by_sigma_high_{unit}"]].to_numpy().T
-        many = table["measured"] > 10
-        assert (ends[0] <= table[f"error_by_sigma_{unit}"] * (1 + DIGITS))[many].all()
-        assert (table[f"error_by_sigma_{unit}"] <= ends[1] * (1 + DIGITS))[many].all()
-
-
-def test_silent_table_is_whole():
-    table = load_sweep("stress_silent")
-    keys = ["fault", "handle", "rig", "estimator"]
-    faults = stress_silent.SILENT_FAULTS
     expected = list(product(faults, stress.HANDLES, stress.RIGS, EVERY))
     assert list(table[keys].itertuples(index=False, name=None)) == expected
     often = table["estimator"].isin(stress.OFTEN)
     assert (table["n"][~often] == stress.FIRST_ROUNDS * stress.BLOCK).all()
     assert table["n"][often].nunique() == 1
-    assert (table["unforeseen"] <= table["wrong"]).all()
+    assert (table["wrong"] <= table["measured"]).all()
+    assert (table["unforeseen"] <= table[["wrong", "beyond"]].min(axis=1)).all()
+    assert (table["beyond"] <= table["measured"]).all()
+    assert (table["seed"] == stress.SEED).all()
+    assert not (table["nees_95"] > table["nees_99"] * (1 + DIGITS)).any()
+    for unit in ("mm", "deg"):
+        ends = table[[f"error_by_sigma_low_{unit}", f"error_by_sigma_high_{unit}"]].to_numpy().T
+        many = table["measured"] > 10
+        assert (ends[0] <= table[f"error_by_sigma_{unit}"] * (1 + DIGITS))[many].all()
+        assert (table[f"error_by_sigma_{unit}"] <= ends[1] * (1 + DIGITS))[many].all()
 
 
 def test_none_of_ten_thousand_poses_is_beyond_what_it_says():
@@ -268,32 +284,30 @@ def test_without_a_fault_the_best_estimator_is_honest_and_never_wrong():
     assert ((ratios > 0.8) & (ratios < 1.3)).all()
 
 
-def made_again(study, fault, handle, estimators):
-    """Rows of estimators that measure the first rounds alone, of `stress` or `stress_silent`."""
-    blocks = [study.trial(fault, handle, k) for k in range(stress.FIRST_ROUNDS)]
-    table = load_sweep(study.__name__.rpartition(".")[2])
-    table = table.set_index(["fault", "handle", "rig", "estimator"])
-    for rig, estimator in product(stress.RIGS, estimators):
-        stored = table.loc[(fault, handle, rig, estimator)]
-        for name, value in stress.judged(pd.DataFrame(blocks), f"{rig}/{estimator}").items():
+def made_again(fault, handle, estimators):
+    """Rows of estimators that measure the first rounds alone, of both tables."""
+    blocks = pd.DataFrame([stress.trial(fault, handle, k) for k in range(stress.FIRST_ROUNDS)])
+    tables = {stress.STATED: load_sweep("stress"), stress.SILENT: load_sweep("stress_silent")}
+    keys = ["fault", "handle", "rig", "estimator"]
+    for file, rig, estimator in product(tables, stress.RIGS, estimators):
+        if file == stress.SILENT and fault not in stress.SILENT_FAULTS:
+            continue
+        stored = tables[file].set_index(keys).loc[(fault, handle, rig, estimator)]
+        for name, value in stress.judged(blocks, f"{file}/{rig}/{estimator}").items():
             assert stored[name] == pytest.approx(value, rel=DIGITS, nan_ok=True), name
 
 
 @pytest.mark.heavy
 def test_two_rows_are_made_again(monkeypatch):
     monkeypatch.setattr(stress, "EVERY", {"paper": EVERY["paper"]})
-    made_again(stress, "half contrast", "coded", ["paper"])
+    made_again("half contrast", "coded", ["paper"])
 
 
 @pytest.mark.heavy
 @pytest.mark.parametrize("handle", stress.HANDLES)
-@pytest.mark.parametrize(
-    ("study", "fault"),
-    [*product([stress], FAULTS), *product([stress_silent], stress_silent.SILENT_FAULTS)],
-    ids=lambda part: getattr(part, "__name__", part).rpartition(".")[2],
-)
-def test_all_estimators_of_a_fault_are_made_again(study, fault, handle):
-    made_again(study, fault, handle, [name for name in EVERY if name not in stress.OFTEN])
+@pytest.mark.parametrize("fault", FAULTS)
+def test_all_estimators_of_a_fault_are_made_again(fault, handle):
+    made_again(fault, handle, [name for name in EVERY if name not in stress.OFTEN])
 
 
 def test_an_unknown_fault_is_refused():

@@ -64,18 +64,6 @@ def asked(monkeypatch):
             "make_table",
             {"draws": 3, "workers": 5, "kept": Path("k")},
         ),
-        (
-            "stress",
-            ["--kept", "k", "--instants", "20", "--workers", "5"],
-            "make_table",
-            {"instants": 20, "workers": 5, "kept": Path("k")},
-        ),
-        (
-            "stress_silent",
-            ["--kept", "k", "--instants", "20", "--workers", "5"],
-            "make_table",
-            {"instants": 20, "workers": 5, "kept": Path("k")},
-        ),
     ],
 )
 def test_a_study_of_one_table_writes_it_under_its_own_name(
@@ -92,6 +80,11 @@ def test_a_study_of_one_table_writes_it_under_its_own_name(
     ("study", "options", "named"),
     [
         ("budget", ["--draws", "7"], {"draws": 7}),
+        (
+            "stress",
+            ["--kept", "k", "--instants", "20", "--workers", "5"],
+            {"instants": 20, "workers": 5, "kept": Path("k")},
+        ),
         (
             "instant_times",
             ["--kept", "k", "--instants", "80", "--workers", "5"],
