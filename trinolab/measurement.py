@@ -90,7 +90,7 @@ def measure(
     p = (parameters or Parameters()).with_default(PAPER)
     images = as_images(frames, rig)
     as_handle(handle)
-    regions = [Window(0, 0, *camera.size) for camera in rig.cameras] if windows is None else windows
+    regions = whole_images(rig) if windows is None else windows
     markers_by_camera, hypotheses = identified(images, regions, rig, handle, p, work)
     pixels = tuple(markers.uv for markers in markers_by_camera)
     if not hypotheses:
@@ -106,6 +106,11 @@ def measure(
     if not sure and pose is not LOST:
         pose = replace(pose, status="ambiguous")
     return Measurement(pose, markers_by_camera, labels)
+
+
+def whole_images(rig: Rig) -> list[Window]:
+    """The window of each camera's whole image."""
+    return [Window(0, 0, *camera.size) for camera in rig.cameras]
 
 
 def identified(

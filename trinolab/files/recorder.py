@@ -87,6 +87,18 @@ def check_names(cameras: Iterable[str]) -> None:
             raise ValueError(f"camera: expected a name that a folder can have, got {name!r}")
 
 
+def check_cameras(cameras: Iterable[str], rig: Rig, absent: str) -> None:
+    """Refuse, with a ValueError, other cameras than those of a rig; `absent` says what is wrong with
+    one of the rig that is not among them.
+    """
+    given = list(cameras)
+    names = ", ".join(rig.names)
+    if missing := [name for name in rig.names if name not in given]:
+        raise ValueError(f"{missing[0]}: {absent} ({names})")
+    if unknown := [name for name in given if name not in rig.names]:
+        raise ValueError(f"{unknown[0]}: a camera that the rig does not have ({names})")
+
+
 def claim(partial: Path, manifest: Mapping[str, Any]) -> None:
     """Write into an unfinished folder what the recording is made from, so that it can go on later.
 

@@ -26,7 +26,7 @@ from ..handle import Handle
 from . import limits
 from .images import IMAGE_SUFFIXES, Grey, as_grey, check_size, is_image, read_greys, said_once
 from .inputs import read_csv
-from .recorder import PARTIAL
+from .recorder import PARTIAL, check_cameras
 
 LAST_FRAME = 2**53  # a pose file may have; a time in nanoseconds is no frame
 VIDEO_SUFFIXES = (".mkv", ".mp4", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg")
@@ -238,14 +238,7 @@ def open_recording(
         If a camera of the rig has no source or the rig lacks one, a source cannot be read, folders
         hold different numbers of images, or the timestamps are wrong.
     """
-    if missing := [name for name in rig.names if name not in sources]:
-        raise ValueError(
-            f"{missing[0]}: no video or folder for this camera of the rig ({', '.join(rig.names)})"
-        )
-    if unknown := [name for name in sources if name not in rig.names]:
-        raise ValueError(
-            f"{unknown[0]}: a camera that the rig does not have ({', '.join(rig.names)})"
-        )
+    check_cameras(sources, rig, "no video or folder for this camera of the rig")
     footage = tuple(open_footage(sources[name]) for name in rig.names)
     fps = as_number(fps, "fps", low=0.0, high=1e6, open_low=True)
     times = None if timestamps is None else read_timestamps(timestamps)

@@ -21,7 +21,7 @@ from ..checks import Array, as_number, as_transform
 from ..files.recording import Frames
 from ..handle import Handle
 from ..identity import choose, equivalents, relabel
-from ..measurement import Measurement, as_images, chosen, identified, measure
+from ..measurement import Measurement, as_images, chosen, identified, measure, whole_images
 from ..pose import LOST, Pose
 from ..rigid import apart
 from ..sensitivity import NOTHING
@@ -293,9 +293,8 @@ def _in_whole_images(
     kept = SEARCH_LEAVES * p.most_work
     if work.left <= kept:
         return None
-    whole = [Window(0, 0, *camera.size) for camera in rig.cameras]
     work.left -= kept
-    _, hypotheses = identified(images, whole, rig, handle, p, work)
+    _, hypotheses = identified(images, whole_images(rig), rig, handle, p, work)
     work.left += kept
     if not hypotheses:
         return None
@@ -352,7 +351,7 @@ def _sought(
     """The handle looked for in whole images, with nothing known but the rig."""
     work.left -= SEARCH_LEAVES * p.most_work
     measurement = measure(images, rig, handle, None, p, work=work)
-    tracked = Tracked(measurement, tuple(Window(0, 0, *camera.size) for camera in rig.cameras))
+    tracked = Tracked(measurement, tuple(whole_images(rig)))
     pose = measurement.pose
     sure = pose.status == "measured"
     if pose.T_world_handle is None or not (sure or len(handle.symmetries) > 1):

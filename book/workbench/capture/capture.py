@@ -254,14 +254,7 @@ def _sizes(
         )
     if rig is None:
         return dict.fromkeys(cameras, size)
-    if missing := [name for name in rig.names if name not in cameras]:
-        raise ValueError(
-            f"{missing[0]}: this camera of the rig is not named ({', '.join(rig.names)})"
-        )
-    if unknown := [name for name in cameras if name not in rig.names]:
-        raise ValueError(
-            f"{unknown[0]}: a camera that the rig does not have ({', '.join(rig.names)})"
-        )
+    recorder.check_cameras(cameras, rig, "this camera of the rig is not named")
     return {camera.name: camera.size for camera in rig.cameras}
 
 

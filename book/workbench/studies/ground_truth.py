@@ -28,6 +28,7 @@ from trinolab.files.images import read_grey
 from trinolab.files.recording import list_instants, open_folder, read_instants
 from trinolab.handle import Handle, facing_pixels, slants
 from trinolab.matching import epipolar_distances
+from trinolab.measurement import whole_images
 from trinolab.parameters import Parameters
 from trinolab.window import Window
 
@@ -351,7 +352,7 @@ def judge_search(
         without it.
     """
     judged = []
-    whole = [Window(0, 0, *camera.size) for camera in recording.rig.cameras]
+    whole = whole_images(recording.rig)
     for k, instant in enumerate(recording.instants):
         for camera, image, seen, window in zip(
             recording.rig.cameras,
