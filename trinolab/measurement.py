@@ -52,7 +52,6 @@ def measure(
     prior: RigidTransform | None = None,
     parameters: Parameters | None = None,
     windows: Sequence[Window | None] | None = None,
-    work: Work | None = None,
 ) -> Measurement:
     """Measure the handle's pose from the frames of one instant by the paper's method (Eq. 16-24).
 
@@ -73,8 +72,6 @@ def measure(
     windows : sequence of Window or None, optional
         W_ROI of each camera, inside its image: markers are looked for there alone, and nowhere
         where it is None. Without `windows` in whole images.
-    work : Work, optional
-        As for `identity.identify`.
 
     Returns
     -------
@@ -91,7 +88,7 @@ def measure(
     images = as_images(frames, rig)
     as_handle(handle)
     regions = whole_images(rig) if windows is None else windows
-    markers_by_camera, hypotheses = identified(images, regions, rig, handle, p, work)
+    markers_by_camera, hypotheses = identified(images, regions, rig, handle, p)
     pixels = tuple(markers.uv for markers in markers_by_camera)
     if not hypotheses:
         return Measurement(LOST, markers_by_camera, tuple(np.full(len(uv), -1) for uv in pixels))
@@ -119,7 +116,7 @@ def identified(
     rig: Rig,
     handle: Handle,
     p: Parameters,
-    work: Work | None,
+    work: Work | None = None,
 ) -> tuple[tuple[Markers, ...], list[Hypothesis]]:
     """The markers in windows of images, and the poses that explain them (Eq. 16-18)."""
     # Eq. 16

@@ -21,11 +21,14 @@ class Work:
         Units; without a limit infinitely many.
     cursor : int
         Where a search that was cut short goes on, see `identity.search.search`; 0 is its beginning.
+    was_cut : bool
+        Whether a search ended because too little was left.
     """
 
     def __init__(self, units: float = np.inf, cursor: int = 0) -> None:
         self.left = units
         self.cursor = cursor
+        self.was_cut = False
 
     def takes(self, units: float) -> bool:
         """Whether so many units are left; if so, they are taken."""

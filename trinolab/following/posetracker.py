@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -20,8 +21,9 @@ from ..camera import Rig
 from ..checks import Array, as_number, as_transform
 from ..files.recording import Frames
 from ..handle import Handle
-from ..identity import choose, equivalents, relabel
-from ..measurement import Measurement, as_images, chosen, identified, measure, whole_images
+from ..identity import Hypothesis, choose, equivalents, relabel
+from ..markers import Markers
+from ..measurement import Measurement, as_images, chosen, identified, whole_images
 from ..pose import LOST, Pose
 from ..rigid import apart
 from ..sensitivity import NOTHING
@@ -46,6 +48,8 @@ from .posefilter import Motion, PoseFilterParameters
 LEAST_SHARE = 1 / 3
 # share that a search leaves for the fit of what it finds
 SEARCH_LEAVES = 1 / 2
+# of a pose that a search has found, mm and rad
+SEARCH_COVARIANCE = np.diag(np.repeat([1.0, 0.1], 3) ** 2)
 
 
 class TrackState(NamedTuple):
@@ -97,6 +101,24 @@ class Tracked(NamedTuple):
     measurement: Measurement
     windows: tuple[Window | None, ...]
     labels: tuple[np.ndarray, ...] | None = None
+
+
+class Searched(NamedTuple):
+    """What the whole images of an instant show.
+
+    Attributes
+    ----------
+    found : tuple of Markers
+        One a camera.
+    hypotheses : list of Hypothesis
+        See `identity.identify`.
+    is_complete : bool
+        Whether the work was enough for the search: one that was cut short may have missed a rival.
+    """
+
+    found: tuple[Markers, ...]
+    hypotheses: list[Hypothesis]
+    is_complete: bool
 
 
 def start(t_s: float, pose: RigidTransform | None = None) -> TrackState:
@@ -204,13 +226,18 @@ def step(
     t = as_number(t_s, "t_s", low=state.t_s, open_low=True)
     images = as_images(frames, rig)
     work = Work(p.most_work, state.cursor)
+
+    @cache
+    def search() -> Searched:
+        return _searched(images, rig, handle, p, work)
+
     if state.motion is None or state.seen is None:
-        return _sought(images, t, state.rig, rig, handle, p, work)
+        return _begun(images, t, state.rig, rig, handle, p, search, work)
     predicted = posefilter.predict(state.motion, t, p.motion)
     first = _guess(predicted, state.blurred, rig, handle, p)
     as_predicted = follow(images, first, rig, handle, p, state.rig, work)
     best = _better(None, as_predicted, rig, handle, p)
-    guesses = _further_guesses(images, first, state, rig, handle, p, work)
+    guesses = _further_guesses(images, first, state, rig, handle, p, search)
     while work.left >= LEAST_SHARE * p.most_work and not _enough_cameras(best, rig):
         guess = next(guesses, None)
         if guess is None:
@@ -220,7 +247,7 @@ def step(
     if best is not None:
         return _measured(best, state.sure, handle, p)
     if t - state.seen.t_s > p.memory_s + 1e-9:  # times are rounded
-        return _sought(images, t, state.rig, rig, handle, p, work)
+        return _begun(images, t, state.rig, rig, handle, p, search, work)
     # The windows of the prediction belong to the pose that is reported.
     state = state._replace(t_s=t, motion=predicted, cursor=work.cursor)
     return state, _missed(as_predicted, state, handle)
@@ -261,7 +288,7 @@ def _further_guesses(
     rig: Rig,
     handle: Handle,
     p: FollowParameters,
-    work: Work,
+    search: Callable[[], Searched],
 ) -> Iterator[Guess]:
     """Where the handle may be if not as predicted: shifted to where the images have it, and where a
     search of the whole images finds it.
@@ -274,37 +301,27 @@ def _further_guesses(
     if shift is not None:
         moved = posefilter.restarted(motion, centre + shift[0], shift[1], seen, p.motion)
         yield _guess(moved, state.blurred, rig, handle, p)
-    found = _in_whole_images(images, motion, rig, handle, p, work)
-    if found is not None:
-        yield _guess(found, state.blurred, rig, handle, p)
-
-
-def _in_whole_images(
-    images: list[np.ndarray],
-    predicted: Motion,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
-    work: Work,
-) -> Motion | None:
-    """The motion to where the markers of the whole images have the handle; the prediction only
-    chooses among poses that look alike.
-    """
-    kept = SEARCH_LEAVES * p.most_work
-    if work.left <= kept:
-        return None
-    work.left -= kept
-    _, hypotheses = identified(images, whole_images(rig), rig, handle, p, work)
-    work.left += kept
+    _, hypotheses, is_complete = search()
     if not hypotheses:
-        return None
-    T, labels, sure = chosen(hypotheses, images, rig, handle, predicted.pose, p)
-    spread = np.diag(np.repeat([1.0, 0.1], 3) ** 2)
+        return
+    T, labels, sure = chosen(hypotheses, images, rig, handle, motion.pose, p)
     cameras = sum(bool((row >= 0).any()) for row in labels)
-    pose = Pose("measured", T, spread, np.nan, 0, cameras)
-    if not sure or not believable(pose, predicted, rig, handle, p):
-        return None
-    return posefilter.update(predicted, T, spread, p.motion)
+    pose = Pose("measured", T, SEARCH_COVARIANCE, np.nan, 0, cameras)
+    if sure and is_complete and believable(pose, motion, rig, handle, p):
+        updated = posefilter.update(motion, T, SEARCH_COVARIANCE, p.motion)
+        yield _guess(updated, state.blurred, rig, handle, p)
+
+
+def _searched(
+    images: list[np.ndarray], rig: Rig, handle: Handle, p: FollowParameters, work: Work
+) -> Searched:
+    """Search the whole images, with the work that is not kept for the fit of what is found."""
+    kept = SEARCH_LEAVES * p.most_work
+    work.left -= kept
+    found, hypotheses = identified(images, whole_images(rig), rig, handle, p, work)
+    is_complete = not work.was_cut
+    work.left += kept
+    return Searched(found, hypotheses, is_complete)
 
 
 def _tracked(followed: Followed, pose: Pose, labels: tuple[np.ndarray, ...]) -> Tracked:
@@ -339,27 +356,38 @@ def _measured(
     return state, tracked
 
 
-def _sought(
+def _begun(
     images: list[np.ndarray],
     t: float,
     known: RigState | None,
     rig: Rig,
     handle: Handle,
     p: FollowParameters,
+    search: Callable[[], Searched],
     work: Work,
 ) -> tuple[TrackState, Tracked]:
-    """The handle looked for in whole images, with nothing known but the rig."""
-    work.left -= SEARCH_LEAVES * p.most_work
-    measurement = measure(images, rig, handle, None, p, work=work)
-    tracked = Tracked(measurement, tuple(whole_images(rig)))
-    pose = measurement.pose
-    sure = pose.status == "measured"
-    if pose.T_world_handle is None or not (sure or len(handle.symmetries) > 1):
-        # a pose that is not sure is looked for in the same way again
-        cursor = work.cursor if pose is LOST else 0
-        return TrackState(t, None, None, False, known, cursor=cursor), tracked
-    begun = posefilter.begin(t, pose.T_world_handle, pose.covariance_random, p.motion)
-    return TrackState(t, begun, begun, sure, known, pose.systematic), tracked
+    """The state after an instant of which nothing is known but the rig: the handle is followed from
+    where a search of the whole images has it.
+    """
+    markers, hypotheses, is_complete = search()
+    nothing = tuple(np.full(len(one.uv), -1) for one in markers)
+    lost = TrackState(t, None, None, False, known, cursor=work.cursor)
+    whole = tuple(whole_images(rig))
+    nowhere = Tracked(Measurement(LOST, markers, nothing), whole)
+    if not hypotheses:
+        return lost, nowhere
+    T, _, sure = chosen(hypotheses, images, rig, handle, None, p)
+    motion = posefilter.begin(t, T, SEARCH_COVARIANCE, p.motion)
+    followed = follow(images, _guess(motion, False, rig, handle, p), rig, handle, p, known, work)
+    if followed.pose is LOST:
+        return lost, nowhere
+    sure &= is_complete
+    state, tracked = _measured(followed, sure, handle, p)
+    tracked = tracked._replace(windows=whole)
+    if sure or len(handle.symmetries) > 1:
+        return state, tracked
+    # a pose that is not sure is searched for in the same way again
+    return lost._replace(cursor=0), tracked
 
 
 def believable(pose: Pose, motion: Motion, rig: Rig, handle: Handle, p: FollowParameters) -> bool:
@@ -390,7 +418,7 @@ def _reported(tracked: Tracked, sure: bool, handle: Handle) -> Tracked:
     """
     m = tracked.measurement
     pose = m.pose
-    if sure or pose is LOST or pose.T_world_handle is None or len(handle.symmetries) == 1:
+    if sure or pose is LOST or pose.T_world_handle is None:
         return tracked
     alike = equivalents(pose.T_world_handle, handle)
     k = choose(alike, None)[0]

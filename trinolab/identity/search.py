@@ -314,6 +314,7 @@ def _tried(
             if not len(poses.rotations):
                 continue
             if not work.takes(PAIR_UNITS if camera is None else SINGLE_UNITS):
+                work.was_cut = True
                 return
             work.cursor = number + 1
             if camera is None:

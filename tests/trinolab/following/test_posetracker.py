@@ -299,7 +299,7 @@ def test_what_shows_no_smear_is_not_fitted_as_smeared(monkeypatch):
     for k, one in enumerate(found):
         assert one.measurement.pose.status == "measured"
         assert not apart(one.measurement.pose.T_world_handle, path(k), 0.05, np.deg2rad(0.5))
-    assert smeared == [False] * 4  # the first instant is sought in the whole images
+    assert smeared == [False] * 5
 
 
 @pytest.mark.parametrize(
