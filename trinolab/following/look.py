@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
+from itertools import product
 from typing import NamedTuple
 
 import cv2
@@ -311,6 +312,8 @@ def _fitted_moving(
     else:
         start = _displaced_start(images, followed.guess, near, handle, p)
     blur = _expected_blur(motion, p)
+    if is_new(motion, p.motion):
+        blur = _smear_motion(images, followed, start.translation, near, p), blur[1]
 
     def fit_at(near: Rig, start: RigidTransform, is_far: bool = False) -> Fit | None:
         return fit_patches(
@@ -387,6 +390,69 @@ def _expected_blur(motion: Motion, p: FollowParameters) -> tuple[Array, Array]:
     return p.exposure_s * motion.rates[:6], p.exposure_s**2 * (
         motion.covariance[6:12, 6:12] + noise
     )
+
+
+def _smear_motion(
+    images: Sequence[np.ndarray],
+    followed: Followed,
+    centre: Array,
+    rig: Rig,
+    p: FollowParameters,
+) -> Array:
+    """The motion while the shutter is open, (6,), without its turn, that the lengths and directions
+    of the smeared markers show; its sign is arbitrary.
+
+    A fit cannot begin at rest: a smear of length w changes an image by w^2, whose slope is zero there.
+
+    Parameters
+    ----------
+    images : sequence of ndarray, shape (height, width)
+    followed : Followed
+    centre : ndarray, shape (3,)
+        Of the handle, world frame, mm.
+    rig, p
+    """
+    ways = []
+    slopes = []
+    for c, (image, sight) in enumerate(zip(images, followed.sights, strict=True)):
+        way = _smear(image, followed.guess.expected[c].size_px, sight, p)
+        if way is not None:
+            ways.append(way)
+            slopes.append(_by_position(rig, c, centre))
+    if not ways:
+        return np.zeros(6)
+    J = np.concatenate(slopes)
+    best = np.zeros(3)
+    least = np.inf
+    # where either sign of a camera's way will do, the smaller motion is taken
+    for signs in product((1.0, -1.0), repeat=len(ways) - 1):
+        wanted = np.concatenate([sign * way for sign, way in zip((1.0, *signs), ways, strict=True)])
+        motion = np.linalg.lstsq(J, wanted, rcond=1e-2)[0]
+        cost = float(np.linalg.norm(J @ motion - wanted) + 1e-3 * np.linalg.norm(motion))
+        if cost < least:
+            best, least = motion, cost
+    return np.concatenate([best, np.zeros(3)])
+
+
+def _smear(image: np.ndarray, size_px: float, sight: Sight, p: FollowParameters) -> Array | None:
+    """The way (2,), px, that the markers of an image are smeared along, from their second moments:
+    a way w adds w^2/12 to those of a disc, d^2/16. It is at least what an image shows; None where there
+    is no marker.
+    """
+    moments = []
+    for u, v, major, _, _, threshold in sight.found[np.isfinite(sight.found[:, 0])]:
+        around = Window.around(np.array([[u, v]]))
+        window = around and around.grown(0.6 * major).clipped(image.shape[::-1])
+        if window is not None:
+            m = cv2.moments((window.crop(image) > threshold).astype(np.uint8), binaryImage=True)
+            moments.append(np.array([m["mu20"] - m["mu02"], 2 * m["mu11"]]) / max(m["m00"], 1.0))
+    if not moments:
+        return None
+    twice = np.mean(moments, axis=0)
+    longer = np.nanmedian(sight.found[:, 2]) ** 2 - size_px**2
+    angle = np.arctan2(twice[1], twice[0]) / 2
+    way = max(np.sqrt(0.75 * max(longer, 0.0)), p.blurred_px)
+    return way * np.array([np.cos(angle), np.sin(angle)])
 
 
 def _stretched(expected: Sequence[Expected], sights: Sequence[Sight], p: FollowParameters) -> bool:

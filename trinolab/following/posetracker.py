@@ -238,13 +238,15 @@ def step(
     as_predicted = follow(images, first, rig, handle, p, state.rig, work)
     best = _better(None, as_predicted, rig, handle, p)
     guesses = _further_guesses(images, first, state, rig, handle, p, search)
+    all_tried = False
     while work.left >= LEAST_SHARE * p.most_work and not _enough_cameras(best, rig):
         guess = next(guesses, None)
         if guess is None:
+            all_tried = not work.was_cut
             break
         followed = follow(images, guess, rig, handle, p, state.rig, work)
         best = _better(best, followed, rig, handle, p)
-    if best is not None:
+    if best is not None and (all_tried or _enough_cameras(best, rig)):
         return _measured(best, state.sure, handle, p)
     if t - state.seen.t_s > p.memory_s + 1e-9:  # times are rounded
         return _begun(images, t, state.rig, rig, handle, p, search, work)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab import kalman
+from trinolab import kalman, measurement
 from trinolab.bench.hand import Arm
 from trinolab.bench.optics import Bench, blurred, digitise
 from trinolab.bench.scenario import Job, Shot, take
@@ -355,6 +355,51 @@ def test_a_fit_whose_work_is_spent_gives_its_pose_so_far():
     none = Work(1.0)
     assert fit_patches(frames, RIG, CODED, start, motion_blur=expected, work=none) is None
     assert none.left == 1.0
+
+
+@pytest.mark.parametrize(
+    "velocity", [(0.0, 90.0, 420.0), (0.0, 90.0, 300.0), (90.0, 30.0, 500.0), (100.0, 0.0, 0.0)]
+)
+def test_a_smeared_handle_is_measured_where_nothing_is_known_of_its_motion(velocity):
+    """The smear says how long and along which line the motion is."""
+    moving = np.array([*velocity, 0.3, -0.2, 0.4])
+    frames = smeared_images(CODED, FIRST, moving, np.random.default_rng(3))
+    pose = tracked([frames], CODED)[0].measurement.pose
+    assert pose.status == "measured"
+    assert not apart(pose.T_world_handle, FIRST, 0.05, np.deg2rad(0.3))
+    away = motion_between(pose.T_world_handle, FIRST)
+    assert away @ np.linalg.solve(pose.covariance, away) < 25.0  # chi-square of six, 99.97 %
+
+
+@pytest.fixture
+def cut_search(monkeypatch):
+    """Searches that find what they find, and say that they were cut."""
+
+    def identified(*arguments):
+        found = measurement.identified(*arguments)
+        arguments[-1].was_cut = True
+        return found
+
+    monkeypatch.setattr(posetracker, "identified", identified)
+
+
+def test_a_search_that_was_cut_leaves_it_open_which_pose_holds(cut_search):
+    """A rival may not have been tried; the next instant is searched again."""
+    found = tracked(clip(CODED, 2), CODED)
+    assert [one.measurement.pose.status for one in found] == ["ambiguous"] * 2
+    assert [one.labels is None or one.windows[0].area == 1280 * 1024 for one in found] == [True] * 2
+
+
+@pytest.mark.parametrize("is_cut", [False, True])
+def test_one_camera_of_three_is_believed_after_a_whole_search(is_cut, request):
+    """What the two others show may be the handle, too."""
+    first, second = clip(CODED, 2)
+    state, _ = posetracker.step(posetracker.start(-1.0), first, 0.0, RIG, CODED, BEST)
+    if is_cut:
+        request.getfixturevalue("cut_search")
+    alone = [np.zeros_like(second[0]), np.zeros_like(second[1]), second[2]]
+    _, one = posetracker.step(state, alone, 1 / FPS, RIG, CODED, BEST)
+    assert one.measurement.pose.status == ("predicted" if is_cut else "measured")
 
 
 @pytest.mark.parametrize(("share", "most"), [(1.0, 1), (0.8, 1), (0.5, 2), (0.1, 3)])
