@@ -313,7 +313,7 @@ def _fitted_moving(
         start = _displaced_start(images, followed.guess, near, handle, p)
     blur = _expected_blur(motion, p)
     if is_new(motion, p.motion):
-        blur = _smear_motion(images, followed, start.translation, near, p), blur[1]
+        blur = _smear_motion(images, followed, start.translation, near, handle, p), blur[1]
 
     def fit_at(near: Rig, start: RigidTransform, is_far: bool = False) -> Fit | None:
         return fit_patches(
@@ -397,6 +397,7 @@ def _smear_motion(
     followed: Followed,
     centre: Array,
     rig: Rig,
+    handle: Handle,
     p: FollowParameters,
 ) -> Array:
     """The motion while the shutter is open, (6,), without its turn, that the lengths and directions
@@ -410,12 +411,12 @@ def _smear_motion(
     followed : Followed
     centre : ndarray, shape (3,)
         Of the handle, world frame, mm.
-    rig, p
+    rig, handle, p
     """
     ways = []
     slopes = []
     for c, (image, sight) in enumerate(zip(images, followed.sights, strict=True)):
-        way = _smear(image, followed.guess.expected[c].size_px, sight, p)
+        way = _smear(image, followed.guess.expected[c].size_px, sight, handle, p)
         if way is not None:
             ways.append(way)
             slopes.append(_by_position(rig, c, centre))
@@ -434,7 +435,9 @@ def _smear_motion(
     return np.concatenate([best, np.zeros(3)])
 
 
-def _smear(image: np.ndarray, size_px: float, sight: Sight, p: FollowParameters) -> Array | None:
+def _smear(
+    image: np.ndarray, size_px: float, sight: Sight, handle: Handle, p: FollowParameters
+) -> Array | None:
     """The way (2,), px, that the markers of an image are smeared along, from their second moments:
     a way w adds w^2/12 to those of a disc, d^2/16. It is at least what an image shows; None where there
     is no marker.
@@ -444,7 +447,8 @@ def _smear(image: np.ndarray, size_px: float, sight: Sight, p: FollowParameters)
         around = Window.around(np.array([[u, v]]))
         window = around and around.grown(0.6 * major).clipped(image.shape[::-1])
         if window is not None:
-            m = cv2.moments((window.crop(image) > threshold).astype(np.uint8), binaryImage=True)
+            inside = (window.crop(image) > threshold) == (handle.markers == "bright")
+            m = cv2.moments(inside.astype(np.uint8), binaryImage=True)
             moments.append(np.array([m["mu20"] - m["mu02"], 2 * m["mu11"]]) / max(m["m00"], 1.0))
     if not moments:
         return None
