@@ -183,11 +183,11 @@ def test_where_the_limits_of_a_set_up_come_from():
     )
 
     gone = 1 - share["saturated highlights"]
-    assert round(1 / gone) == 12
-    assert "stripes of highlights lose every twelfth pose" in why["white"]
+    assert round(1 / gone) == 16
+    assert "stripes of highlights lose every sixteenth pose" in why["white"]
 
-    assert share["frames 5 ms apart"] == pytest.approx(2 / 5, abs=0.04)
-    left = "5 ms at a hand's pace leave two of five poses"
+    assert share["frames 5 ms apart"] == pytest.approx(1 / 2, abs=0.04)
+    left = "5 ms at a hand's pace leave half of the poses"
     both_say("apart", left, left)
 
     baseline = gallery("baseline")
@@ -204,7 +204,7 @@ def test_where_the_limits_of_a_set_up_come_from():
         faults.mm[f"calibration {size}"] for size in ("0.1 px, 0.005 deg", "0.3 px, 0.02 deg")
     )
     assert f"cost {good:.1f} mm; 0.3 px and 0.02 deg {loose:.1f} mm (" in why["agree"]
-    lost = "cameras that are 5 ms apart lose three of five poses"
+    lost = "cameras that are 5 ms apart lose half of the poses"
     both_say("part", lost, lost)
 
     sheet = pd.read_json(datasets.data_path("accept", "raised_40deg.json"), typ="series")

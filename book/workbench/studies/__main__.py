@@ -146,7 +146,7 @@ STUDIES = {
         "stress.csv, stress_silent.csv",
         "make_tables",
         ("stress", "stress_silent"),
-        counts={"instants": (100, "of each fault and handle")},
+        counts={"instants": (40, "of each fault and handle")},
         kept=("_build/stress", "finished blocks"),
         workers=True,
     ),
