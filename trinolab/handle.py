@@ -158,15 +158,6 @@ class Handle:
         return tuple(motions)
 
 
-def as_handle(value: object, name: str = "handle") -> Handle:
-    """Check that something is a handle; ValueError says how one is had by its name."""
-    if not isinstance(value, Handle):
-        raise ValueError(
-            f"{name}: expected a Handle, as trinolab.load_handle gives, got {value!r:.60}"
-        )
-    return value
-
-
 def slants(handle: Handle, T_world_handle: RigidTransform, viewpoint: Array) -> Array:
     """Angle between each marker's normal and the direction to a viewpoint, shape (n,), rad.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,16 +12,17 @@ from scipy.spatial.transform import RigidTransform
 
 from .camera import Rig, as_rig
 from .checks import as_image, frozen
+from .datasets import handle_of, rig_of
 from .default_covariance import known_covariance
 from .estimators import estimate
 from .estimators.identified import Identified
-from .handle import Handle, as_handle
+from .handle import Handle
 from .identity import Hypothesis, choose, identify, labelled_pixels, relabel
 from .identity.ends import keep_by_body
 from .identity.reconcile import reconciled
 from .markers import Markers, find_markers
 from .matching import rig_candidates
-from .methods import PAPER
+from .methods import DEFAULT, PAPER
 from .parameters import Parameters
 from .pose import LOST, Pose
 from .window import Window
@@ -47,16 +49,16 @@ class Measurement:
 
 def measure(
     frames: Sequence[ArrayLike],
-    rig: Rig,
-    handle: Handle,
+    rig: Rig | str | Path,
+    handle: Handle | str | Path,
     prior: RigidTransform | None = None,
     parameters: Parameters | None = None,
     windows: Sequence[Window | None] | None = None,
 ) -> Measurement:
-    """Measure the handle's pose from the frames of one instant by the paper's method (Eq. 16-24).
+    """Measure the handle's pose from the frames of one instant (Eq. 16-24).
 
-    This is the chain as printed. `single.measure_instant`, which is ``trinolab.measure``, does the
-    same and takes the best estimator where none is named, and rig and handle by their names.
+    The estimator is ``best``, which fits the pose to the pixels, unless the parameters name another
+    one: ``Parameters(estimator="paper")`` is the chain as printed.
 
     Parameters
     ----------
@@ -64,10 +66,11 @@ def measure(
         One grey image a camera, in the rig's order; grey levels 0 to 255 of any number type. Colour
         and 16-bit images are for `recording.read_instants` to convert: an array does not say which
         channel is red, or what is white.
-    rig : Rig
-    handle : Handle
+    rig, handle
+        A `Rig` and a `Handle`, or files, or names of shipped ones, as ``raised_40deg`` and
+        ``coded``.
     prior : RigidTransform, optional
-        T_world_handle expected at this instant; chooses among poses that look alike.
+        T_world_handle expected at this instant, mm; chooses among poses that look alike.
     parameters : Parameters, optional
     windows : sequence of Window or None, optional
         W_ROI of each camera, inside its image: markers are looked for there alone, and nowhere
@@ -82,11 +85,12 @@ def measure(
     ------
     ValueError
         If the frames do not fit the rig in number or size, or are no grey images with levels from 0
-        to 255, as images of 0 to 1; if rig or handle are something else.
+        to 255, as images of 0 to 1; for a word that names no rig or no handle, or a file that
+        cannot be read.
     """
-    p = (parameters or Parameters()).with_default(PAPER)
+    p = (parameters or Parameters()).with_default(DEFAULT)
+    rig, handle = rig_of(rig), handle_of(handle)
     images = as_images(frames, rig)
-    as_handle(handle)
     regions = whole_images(rig) if windows is None else windows
     markers_by_camera, hypotheses = identified(images, regions, rig, handle, p)
     pixels = tuple(markers.uv for markers in markers_by_camera)

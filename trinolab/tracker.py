@@ -22,6 +22,7 @@ from .checks import Array, as_array, as_number, frozen
 from .handle import Handle
 from .image_track import search_window
 from .measurement import Measurement, as_images, measure
+from .methods import PAPER
 from .parameters import Parameters
 from .window import Window
 
@@ -121,7 +122,7 @@ def step(
     ValueError
         If the time does not increase.
     """
-    p = parameters or Parameters()
+    p = (parameters or Parameters()).with_default(PAPER)
     t = as_number(t_s, "t_s", low=state.t_s, open_low=True)
     images = as_images(frames, rig)
     stepped = [

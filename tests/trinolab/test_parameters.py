@@ -171,10 +171,11 @@ def test_each_number_of_the_identification_decides_something(name, found, lying)
 
 
 def test_they_are_reached_through_the_parameters_of_a_measurement(lying):
-    assert measure(lying, RIG, ROD).pose.status == "measured"
+    p = Parameters(estimator="paper")
+    assert measure(lying, RIG, ROD, parameters=p).pose.status == "measured"
     for change, status in (({"min_markers": 99}, "lost"), ({"end_contrast": 255.0}, "ambiguous")):
-        p = Parameters(identity=replace(IdentityParameters(), **change))
-        assert measure(lying, RIG, ROD, parameters=p).pose.status == status
+        changed = replace(p, identity=replace(IdentityParameters(), **change))
+        assert measure(lying, RIG, ROD, parameters=changed).pose.status == status
 
 
 @pytest.fixture(scope="module")

@@ -139,7 +139,8 @@ def pairs(ncc_threshold: float) -> dict[str, Any]:
         left, right = believed.cameras[0], believed.cameras[2]
         views = (left, right, images[0], images[2], uv[0], uv[2])
         D = matching.epipolar_distances(left, right, uv[0], uv[2])
-        named = measure(images, told, handle, parameters=Parameters(matching=settings)).labels
+        p = Parameters(matching=settings, estimator="paper")
+        named = measure(images, told, handle, parameters=p).labels
         found = {
             "nearest line": match_rivals.by_line(
                 match_rivals.Spots(D, np.zeros_like(D)), PAIRS_GATE_PX
