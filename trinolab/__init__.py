@@ -66,7 +66,7 @@ if TYPE_CHECKING:
     from . import background as background
     from . import kalman as kalman
     from . import tracker as tracker
-    from .bench.recordings import render as render
+    from .bench.rendering import render as render
     from .calibration.calibrate import calibrate_rig as calibrate  # noqa: F401
     from .calibration.target import Target as Target
     from .camera import Camera as Camera
@@ -114,7 +114,7 @@ FACE = {
     "intersect": "trinolab.workspace.intersection:intersect",
     "Target": "trinolab.calibration.target:Target",
     "calibrate": "trinolab.calibration.calibrate:calibrate_rig",
-    "render": "trinolab.bench.recordings:render",
+    "render": "trinolab.bench.rendering:render",
     "read_recording": "trinolab.files.recording:open_folder",
     "Parameters": "trinolab.parameters:Parameters",
     "background": "trinolab.background",

@@ -87,7 +87,7 @@ class Evaluation:
     visible, visible_measured : int
         Instants at which one camera truly sees four markers, or two see three each, and how many of
         them are measured; 0 if the truth does not say how many markers are seen. What two cameras
-        see stands in a file beside it, ``truth_markers.csv``, as `bench.recordings` writes it.
+        see stands in a file beside it, ``truth_markers.csv``, as `bench.rendering` writes it.
     track : TrackQuality
         Of the `measured` rows: flips, poses far off, losses. A loss counts the visible instants, if
         they are known.

@@ -8,7 +8,7 @@ from pathlib import Path
 import nbformat
 import pytest
 
-from trinolab.bench.recordings import DRAWN_WITH
+from trinolab.bench.rendering import DRAWN_WITH
 from workbench.imports import PACKAGES, files_of_module, module_of_file, our_files
 from workbench.pages import house
 

@@ -19,7 +19,7 @@ from trinolab.background import (
     update,
 )
 from trinolab.bench import optics, scene
-from trinolab.bench.recordings import scripted
+from trinolab.bench.rendering import scripted
 from trinolab.bench.scenario import LIGHT_STEP_S, empty, take
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig

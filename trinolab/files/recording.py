@@ -26,7 +26,7 @@ from ..handle import Handle
 from . import limits
 from .images import IMAGE_SUFFIXES, Grey, as_grey, check_size, is_image, read_greys, said_once
 from .inputs import read_csv
-from .recorder import PARTIAL, check_cameras
+from .recording_writer import PARTIAL, check_cameras
 
 LAST_FRAME = 2**53  # a pose file may have; a time in nanoseconds is no frame
 VIDEO_SUFFIXES = (".mkv", ".mp4", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg")

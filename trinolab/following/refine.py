@@ -30,8 +30,8 @@ from ..default_covariance import assumed
 from ..files.kept import fingerprint, locked
 from ..files.outputs import write_together, write_whole
 from ..files.poses import poses_text, read_poses, transforms
-from ..files.recorder import partial_of
 from ..files.recording import Recording, open_recording, some_instants
+from ..files.recording_writer import partial_of
 from ..files.rigs import covariance_text, handle_text, rig_text
 from ..handle import Handle
 from ..methods import BEST

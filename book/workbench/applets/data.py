@@ -109,7 +109,7 @@ def pairs(ncc_threshold: float) -> dict[str, Any]:
     believed to be a little other than it is, so that the lines lie beside their markers.
     """
     from trinolab import matching
-    from trinolab.bench.recordings import scripted
+    from trinolab.bench.rendering import scripted
     from trinolab.bench.scenario import take
     from trinolab.camera import epipolar_lines
     from trinolab.datasets import load_handle, load_rig
@@ -178,7 +178,7 @@ def threshold(difference_threshold: float) -> dict[str, Any]:
     """Frames of a recording and their background, both coarse, with the truth of what moves in them,
     and the thresholds that two rules choose.
     """
-    from trinolab.bench.recordings import scripted
+    from trinolab.bench.rendering import scripted
     from trinolab.bench.scenario import empty, take
     from trinolab.datasets import load_handle, load_rig
 

@@ -19,7 +19,7 @@ from trinolab.background import BackgroundParameters
 from trinolab.bench.hand import Arm, true_visibility
 from trinolab.bench.motion import smooth_motion
 from trinolab.bench.optics import Bench
-from trinolab.bench.recordings import scripted
+from trinolab.bench.rendering import scripted
 from trinolab.bench.scenario import take
 from trinolab.bench.scene import render, render_clip, render_rig
 from trinolab.camera import Camera, Rig

@@ -20,7 +20,7 @@ import pandas as pd
 from scipy.optimize import linear_sum_assignment
 
 from trinolab import matching
-from trinolab.bench.recordings import scripted
+from trinolab.bench.rendering import scripted
 from trinolab.bench.scenario import take
 from trinolab.camera import Rig, RigCovariance
 from trinolab.checks import Array

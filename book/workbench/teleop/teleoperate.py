@@ -16,7 +16,7 @@ import pandas as pd
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
-from trinolab.bench.recordings import scripted
+from trinolab.bench.rendering import scripted
 from trinolab.bench.scenario import take
 from trinolab.camera import Camera, Rig
 from trinolab.checks import Array, as_whole

@@ -16,7 +16,7 @@ from trinolab.camera import Rig, RigCovariance
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import predict_centroids
-from trinolab.files import recorder
+from trinolab.files import recording_writer
 from trinolab.files.poses import transforms, truth_table
 from trinolab.following import track
 from trinolab.following.drift import Series, find_drift, image_offsets
@@ -208,11 +208,11 @@ def test_a_rendered_recording_with_a_camera_that_turns(name, known, tmp_path, ca
         [0.0] * 2 + [0.1] * 2 + [0.0] * 5 + [np.deg2rad(0.005)] * 3 + [0.0] * 3, last + 1
     )
     covariance = RigCovariance(rig.names, np.diag(sigma**2)) if known else None
-    partial = recorder.begin(folder, replace(rig, covariance=covariance), CODED)
+    partial = recording_writer.begin(folder, replace(rig, covariance=covariance), CODED)
     for k, T in enumerate(poses):
         there = rig if k < half else turned(rig, last)
-        recorder.add(partial, rig, k, render_rig(there, CODED, T, Bench(), rng))
-    recorder.finish(folder, np.arange(len(poses)) / 12.5, truth_table(poses))
+        recording_writer.add(partial, rig, k, render_rig(there, CODED, T, Bench(), rng))
+    recording_writer.finish(folder, np.arange(len(poses)) / 12.5, truth_table(poses))
     with caplog.at_level("INFO", logger="trinolab"):
         table = track_folder(folder, tmp_path / "p.csv", progress=False)
     (line,) = [message for message in caplog.messages if "turned by" in message]

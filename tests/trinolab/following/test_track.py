@@ -12,7 +12,7 @@ from trinolab import following
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
 from trinolab.datasets import handle_file, load_handle, load_rig, rig_file
-from trinolab.files import recorder
+from trinolab.files import recording_writer
 from trinolab.files.poses import read_poses, transforms, truth_table
 from trinolab.following import posetracker, track
 from trinolab.following.clocks import late_lines
@@ -33,10 +33,10 @@ PATH = RigidTransform.concatenate(
 def folder(tmp_path_factory):
     """A recording of the paper's handle."""
     root, rng = tmp_path_factory.mktemp("track") / "r", np.random.default_rng(0)
-    partial = recorder.begin(root, RIG, PAPER)
+    partial = recording_writer.begin(root, RIG, PAPER)
     for k, T in enumerate(PATH):
-        recorder.add(partial, RIG, k, render_rig(RIG, PAPER, T, Bench(), rng))
-    recorder.finish(root, np.arange(COUNT) / FPS, truth_table(PATH))
+        recording_writer.add(partial, RIG, k, render_rig(RIG, PAPER, T, Bench(), rng))
+    recording_writer.finish(root, np.arange(COUNT) / FPS, truth_table(PATH))
     return root
 
 

@@ -1,5 +1,5 @@
-"""Recordings from the simulated bench: every frame of a scenario, with the truth, in a recording
-folder.
+"""Recordings rendered by the simulated bench: every frame of a scenario, with the truth, in a
+recording folder.
 
 The noise of a frame follows from the seed, the frame and the camera: an interrupted rendering goes
 on where it stopped. The two standard recordings are rendered when they are asked for, and kept in
@@ -35,7 +35,7 @@ from ..files.fetch import cache_folder
 from ..files.kept import locked
 from ..files.outputs import write_whole
 from ..files.poses import pose_table, poses_by_frame, read_poses
-from ..files.recorder import (
+from ..files.recording_writer import (
     PARTIAL,
     add,
     begin,
@@ -353,14 +353,14 @@ def standard_recording(
         seconds,
     )
     manifest = made_from(job, name)
-    return kept_folder(
+    return cached_folder(
         f"{name}-{rig_name}-{handle_name}-{seed}",
         manifest,
         lambda folder: write_recording(job, folder, manifest, progress),
     )
 
 
-def kept_folder(name: str, manifest: dict[str, Any], make: Callable[[Path], object]) -> Path:
+def cached_folder(name: str, manifest: dict[str, Any], make: Callable[[Path], object]) -> Path:
     """A folder of the user's cache, made if it is not there yet.
 
     Parameters
@@ -398,7 +398,7 @@ def recordings_folder() -> Path:
     return cache_folder() / "recordings"
 
 
-class Kept(NamedTuple):
+class CachedRecording(NamedTuple):
     """A standard recording in the user's cache, whole or not: its name, its size, bytes, and when it
     was last written, s since 1970.
     """
@@ -408,24 +408,26 @@ class Kept(NamedTuple):
     written_s: float
 
 
-def kept_recordings() -> list[Kept]:
+def cached_recordings() -> list[CachedRecording]:
     """The standard recordings that are kept, the last written one first."""
     recordings = []
     for name, paths in _paths_by_name().items():
         about = [one for root in paths for path in [root, *root.rglob("*")] for one in _stat(path)]
         size = sum(one.st_size for one in about if S_ISREG(one.st_mode))
-        recordings.append(Kept(name, size, max((one.st_mtime for one in about), default=0.0)))
-    return sorted(recordings, key=lambda kept: -kept.written_s)
+        recordings.append(
+            CachedRecording(name, size, max((one.st_mtime for one in about), default=0.0))
+        )
+    return sorted(recordings, key=lambda one: -one.written_s)
 
 
-def clear_recordings(chosen: Sequence[Kept] | None = None) -> list[Kept]:
+def clear_recordings(chosen: Sequence[CachedRecording] | None = None) -> list[CachedRecording]:
     """Remove standard recordings, all by default; return those that are gone.
 
     One that a process renders at this moment stays. One whose removal is interrupted is not taken
     for a whole one.
     """
     gone = []
-    for recording in kept_recordings() if chosen is None else chosen:
+    for recording in cached_recordings() if chosen is None else chosen:
         with suppress(ValueError), locked(recordings_folder() / f"{recording.name}{LOCK}"):
             for path in _paths_by_name().get(recording.name, []):
                 _remove(path)
