@@ -47,6 +47,14 @@ GUESS_UNITS = 25.0
 AGREED_COVARIANCE = np.diag(np.repeat([0.5, 0.1], 3) ** 2)
 
 
+class Setup(NamedTuple):
+    """What a handle is followed with."""
+
+    rig: Rig
+    handle: Handle
+    parameters: FollowParameters
+
+
 class Expected(NamedTuple):
     """Where a motion predicts the markers in a camera.
 
@@ -143,16 +151,16 @@ def prepare() -> None:
     """Load the compiled loops, or compile them where that was never done: by looking for the handle
     of a shipped rig in dark images, once in a process.
     """
-    p = FollowParameters()
-    rig, handle = load_rig("paper_pair"), load_handle("coded")
-    dark = [np.zeros(camera.size[::-1], np.uint8) for camera in rig.cameras]
-    motion = begin(0.0, load_table1().set_poses[0], np.eye(6), p.motion)
-    follow(dark, Guess(motion, expect(rig, handle, motion, p)), rig, handle, p)
+    setup = Setup(load_rig("paper_pair"), load_handle("coded"), FollowParameters())
+    dark = [np.zeros(camera.size[::-1], np.uint8) for camera in setup.rig.cameras]
+    motion = begin(0.0, load_table1().set_poses[0], np.eye(6), setup.parameters.motion)
+    follow(dark, Guess(motion, expect(setup, motion)), setup)
     prepare_fit()
 
 
-def expect(rig: Rig, handle: Handle, motion: Motion, p: FollowParameters) -> list[Expected]:
+def expect(setup: Setup, motion: Motion) -> list[Expected]:
     """Where a motion predicts the markers, one a camera."""
+    rig, handle, p = setup
     views = views_of(rig)
     layout = layout_of(handle, p.identity)
     ahead = shifted(motion.pose, p.exposure_s * motion.rates[:6])
@@ -171,35 +179,25 @@ def may_be_blurred(expected: Sequence[Expected], p: FollowParameters) -> bool:
 
 
 def look(
-    images: Sequence[np.ndarray],
-    expected: Sequence[Expected],
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
+    images: Sequence[np.ndarray], expected: Sequence[Expected], setup: Setup
 ) -> tuple[Sight, ...]:
     """Measure the markers where they are expected; half a marker's diameter off is near enough.
 
     A marker reaches further where it moves: by half of its way in the exposure.
     """
     return tuple(
-        _look(image, camera, handle, one.uv, 0.75 * one.size_px + RING_PX + one.blur_px / 2, p)
-        for image, camera, one in zip(images, rig.cameras, expected, strict=True)
+        _look(image, camera, setup, one.uv, 0.75 * one.size_px + RING_PX + one.blur_px / 2)
+        for image, camera, one in zip(images, setup.rig.cameras, expected, strict=True)
     )
 
 
-def _look(
-    image: np.ndarray,
-    camera: Camera,
-    handle: Handle,
-    uv: Array,
-    reach_px: float,
-    p: FollowParameters,
-) -> Sight:
+def _look(image: np.ndarray, camera: Camera, setup: Setup, uv: Array, reach_px: float) -> Sight:
     around = Window.around(np.clip(uv, -1e6, 1e6))
     window = around and around.grown(2 * reach_px).clipped(camera.size)
     if window is None:
         return Sight(None, np.full((len(uv), 6), np.nan))
     corner = np.array([window.u, window.v, 0, 0, 0, 0])
+    _, handle, p = setup
     markers = markers_at(window.crop(image), uv - corner[:2], reach_px, handle.markers, p.markers)
     return Sight(window, markers + corner)
 
@@ -212,9 +210,7 @@ def _batch(*poses: RigidTransform) -> Poses:
 def follow(
     images: Sequence[np.ndarray],
     guess: Guess,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
+    setup: Setup,
     before: RigState | None = None,
     work: Work | None = None,
 ) -> Followed:
@@ -229,10 +225,12 @@ def follow(
     """
     work = work or Work()
     work.left -= GUESS_UNITS
+    rig, handle, p = setup
     state = before or RigState(rig)
-    sights = look(images, guess.expected, state.near, handle, p)
+    near_setup = setup._replace(rig=state.near)
+    sights = look(images, guess.expected, near_setup)
     pixels = tuple(sight.found[:, :2] for sight in sights)
-    T, labels = _agreed(pixels, state.near, handle, guess.motion.pose, p)
+    T, labels = _agreed(pixels, near_setup, guess.motion.pose)
     followed = Followed(guess, LOST, labels, sights, state, np.nan)
     if T is None and not _enough_markers(sights, p):
         return followed  # it is elsewhere
@@ -247,9 +245,9 @@ def follow(
             followed = followed._replace(rig=RigState(near))
         instant = Identified(images, uv, T, followed.rig.near, _expected_blur(guess.motion, p))
     if not moves:
-        followed = _fitted_still(followed, images, instant, rig, handle, p, work)
+        followed = _fitted_still(followed, images, instant, setup, work)
         moves = followed.smear_px > p.blurred_px
-    return _fitted_moving(followed, images, instant, rig, handle, p, work) if moves else followed
+    return _fitted_moving(followed, images, instant, setup, work) if moves else followed
 
 
 def _may_move(guess: Guess, p: FollowParameters) -> bool:
@@ -261,17 +259,16 @@ def _fitted_still(
     followed: Followed,
     images: Sequence[np.ndarray],
     instant: Identified | None,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
+    setup: Setup,
     work: Work,
 ) -> Followed:
     """What was followed with the pose of a handle that is still, if it is; `instant` is what the
     markers agree on.
     """
-    pose = LOST if instant is None else _agreeing_pose(instant, rig, handle, p)
+    pose = LOST if instant is None else _agreeing_pose(instant, setup)
     if pose is not LOST:
         return followed._replace(pose=pose)
+    _, handle, p = setup
     guess = followed.guess
     may_move = _may_move(guess, p)
     smear_above = p.still_misfit if may_move else np.inf
@@ -287,29 +284,28 @@ def _fitted_still(
         # where hardly a marker fits its smear is not known, and may be long
         smear_px = np.inf if fit is None or fit.shown.sum() < 4 else fit.smear_px
         return followed._replace(smear_px=smear_px)
-    return _assessed(followed, fit, fit_at, rig, handle, p)
+    return _assessed(followed, fit, fit_at, setup)
 
 
 def _fitted_moving(
     followed: Followed,
     images: Sequence[np.ndarray],
     instant: Identified | None,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
+    setup: Setup,
     work: Work,
 ) -> Followed:
     """What was followed with the pose of a handle that moves while the shutter is open: fitted from
     the pose that the markers agree on, which tells of the velocity as well; else from where the images
     have the handle, or as predicted.
     """
+    _, handle, p = setup
     near = followed.rig.near
     motion = followed.guess.motion
     if instant is not None:
         motion = update(motion, instant.T_world_handle, AGREED_COVARIANCE, p.motion)
         start = motion.pose
     else:
-        start = _displaced_start(images, followed.guess, near, handle, p)
+        start = _displaced_start(images, followed.guess, setup._replace(rig=near))
     blur = _expected_blur(motion, p)
 
     def fit_at(near: Rig, start: RigidTransform, is_far: bool = False) -> Fit | None:
@@ -320,21 +316,20 @@ def _fitted_moving(
     fit = fit_at(near, start, is_far=instant is None)
     smear_px = np.nan if fit is None else fit.smear_px
     followed = followed._replace(smear_px=smear_px)
-    return _assessed(followed, fit, fit_at, rig, handle, p)
+    return _assessed(followed, fit, fit_at, setup)
 
 
 def _assessed(
     followed: Followed,
     fit: Fit | None,
     fit_at: Callable[[Rig, RigidTransform], Fit | None],
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
+    setup: Setup,
 ) -> Followed:
     """What was followed with the pose of a fit, and with the rig as it leaves it."""
     if fit is None:
         return followed
     state = followed.rig
+    rig, handle, p = setup
     fit, found, near = assessed(fit, fit_at, rig, handle, state.near, state.earlier)
     pose = _judged(fit, found, rig, p)
     if pose is not LOST and found.information is not None:
@@ -350,14 +345,12 @@ def _enough_markers(sights: Sequence[Sight], p: FollowParameters) -> bool:
     return bool(sum(np.isfinite(sight.found[:, 0]).sum() for sight in sights) >= p.min_found)
 
 
-def _displaced_start(
-    images: Sequence[np.ndarray], guess: Guess, rig: Rig, handle: Handle, p: FollowParameters
-) -> RigidTransform:
+def _displaced_start(images: Sequence[np.ndarray], guess: Guess, setup: Setup) -> RigidTransform:
     """The predicted pose, shifted to where the images have the handle as far as they tell: two
     cameras side by side say little of the depth.
     """
     pose = guess.motion.pose
-    shown = displacement(images, guess.expected, pose.translation, rig, handle, p)
+    shown = displacement(images, guess.expected, pose.translation, setup)
     if shown is None:
         return pose
     shift, covariance = shown
@@ -366,13 +359,14 @@ def _displaced_start(
     return RigidTransform.from_components(pose.translation + gain @ shift, pose.rotation)
 
 
-def _agreeing_pose(instant: Identified, rig: Rig, handle: Handle, p: FollowParameters) -> Pose:
+def _agreeing_pose(instant: Identified, setup: Setup) -> Pose:
     """The pose by the estimator; `LOST` if it is another one than the markers agree on, or if the
     estimator is the image model itself, which needs no markers.
     """
+    p = setup.parameters
     if p.estimator == BEST:
         return LOST
-    pose = _estimated(instant, rig, handle, p)
+    pose = _estimated(instant, setup)
     T = pose.T_world_handle
     if T is None or apart(T, instant.T_world_handle, p.agreed_mm, np.deg2rad(p.agreed_deg)):
         return LOST
@@ -440,11 +434,12 @@ def found_markers(sight: Sight) -> Markers:
 
 
 def _agreed(
-    pixels: Sequence[Array], rig: Rig, handle: Handle, start: RigidTransform, p: FollowParameters
+    pixels: Sequence[Array], setup: Setup, start: RigidTransform
 ) -> tuple[RigidTransform | None, tuple[np.ndarray, ...]]:
     """The pose that most of the markers agree with, and those that do."""
     from . import pose_loop  # only here: a browser has no Numba
 
+    rig, handle, p = setup
     uv = ideal_pixels(rig, pixels)
     offsets = offsets_at(rig, start.translation)
     views = views_of(rig)
@@ -476,12 +471,13 @@ def _agreed(
     return placed(poses.translations[0], poses.rotations[0]), tuple(labels[0])
 
 
-def _estimated(instant: Identified, rig: Rig, handle: Handle, p: FollowParameters) -> Pose:
+def _estimated(instant: Identified, setup: Setup) -> Pose:
     """The pose by the estimator, `LOST` if it is not sure; the paper's without the image model that
     checks an instant.
 
     The covariance of the paper's takes in the way to the pose that all pixels agree on.
     """
+    rig, handle, p = setup
     if not p.check:
         pose = estimate(instant, rig, handle, p)
         return pose if _sure(pose, p) else LOST
@@ -496,9 +492,7 @@ def displacement(
     images: Sequence[np.ndarray],
     expected: Sequence[Expected],
     centre: Array,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
+    setup: Setup,
 ) -> tuple[Array, Array] | None:
     """By how much all of the handle has moved from where it was expected, if the cameras agree.
 
@@ -508,13 +502,14 @@ def displacement(
     expected : sequence of Expected, one a camera
     centre : ndarray, shape (3,)
         Where the handle is expected, world frame, mm.
-    rig, handle, p
+    setup : Setup
 
     Returns
     -------
     (ndarray, ndarray), shapes (3,) and (3, 3), or None
         The shift and its covariance, world frame, mm; None where fewer than two cameras agree.
     """
+    rig, handle, p = setup
     shifts = [
         _shift(image, one, handle.markers, p) for image, one in zip(images, expected, strict=True)
     ]

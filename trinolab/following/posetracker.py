@@ -34,6 +34,7 @@ from .look import (
     Followed,
     Guess,
     RigState,
+    Setup,
     displacement,
     expect,
     follow,
@@ -223,46 +224,45 @@ def step(
         If the frames are none of the rig, see `measurement.measure`, or the time does not increase.
     """
     p = (parameters or FollowParameters()).checked
+    setup = Setup(rig, handle, p)
     t = as_number(t_s, "t_s", low=state.t_s, open_low=True)
     images = as_images(frames, rig)
     work = Work(p.most_work, state.cursor)
 
     @cache
     def search() -> Searched:
-        return _searched(images, rig, handle, p, work)
+        return _searched(images, setup, work)
 
     if state.motion is None or state.seen is None:
-        return _begun(images, t, state.rig, rig, handle, p, search, work)
+        return _begun(images, t, state.rig, setup, search, work)
     predicted = posefilter.predict(state.motion, t, p.motion)
-    first = _guess(predicted, state.blurred, rig, handle, p)
-    as_predicted = follow(images, first, rig, handle, p, state.rig, work)
-    best = _better(None, as_predicted, rig, handle, p)
-    guesses = _further_guesses(images, first, state, rig, handle, p, search)
+    first = _guess(predicted, state.blurred, setup)
+    as_predicted = follow(images, first, setup, state.rig, work)
+    best = _better(None, as_predicted, setup)
+    guesses = _further_guesses(images, first, state, setup, search)
     while work.left >= LEAST_SHARE * p.most_work and not _enough_cameras(best, rig):
         guess = next(guesses, None)
         if guess is None:
             break
-        followed = follow(images, guess, rig, handle, p, state.rig, work)
-        best = _better(best, followed, rig, handle, p)
+        followed = follow(images, guess, setup, state.rig, work)
+        best = _better(best, followed, setup)
     if best is not None:
         return _measured(best, state.sure, handle, p)
     if t - state.seen.t_s > p.memory_s + 1e-9:  # times are rounded
-        return _begun(images, t, state.rig, rig, handle, p, search, work)
+        return _begun(images, t, state.rig, setup, search, work)
     # The windows of the prediction belong to the pose that is reported.
     state = state._replace(t_s=t, motion=predicted, cursor=work.cursor)
     return state, _missed(as_predicted, state, handle)
 
 
-def _better(
-    best: Followed | None, followed: Followed, rig: Rig, handle: Handle, p: FollowParameters
-) -> Followed | None:
+def _better(best: Followed | None, followed: Followed, setup: Setup) -> Followed | None:
     """What a guess has led to, if more cameras show it than the best one so far, and it may be the
     continuation of the motion; else the best one so far.
     """
     cameras = 0 if best is None else best.pose.cameras
     if followed.pose.cameras <= cameras:
         return best
-    continues = believable(followed.pose, followed.guess.motion, rig, handle, p)
+    continues = believable(followed.pose, followed.guess.motion, setup)
     return followed if continues else best
 
 
@@ -273,52 +273,49 @@ def _enough_cameras(best: Followed | None, rig: Rig) -> bool:
     return best is not None and 2 * best.pose.cameras >= len(rig.cameras)
 
 
-def _guess(motion: Motion, blurred: bool, rig: Rig, handle: Handle, p: FollowParameters) -> Guess:
+def _guess(motion: Motion, blurred: bool, setup: Setup) -> Guess:
     """The guess that the handle moves so, and shows motion blur if that is what it did before and it
     is fast enough.
     """
-    expected = expect(rig, handle, motion, p)
-    return Guess(motion, expected, blurred and may_be_blurred(expected, p))
+    expected = expect(setup, motion)
+    return Guess(motion, expected, blurred and may_be_blurred(expected, setup.parameters))
 
 
 def _further_guesses(
     images: list[np.ndarray],
     predicted: Guess,
     state: TrackState,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
+    setup: Setup,
     search: Callable[[], Searched],
 ) -> Iterator[Guess]:
     """Where the handle may be if not as predicted: shifted to where the images have it, and where a
     search of the whole images finds it.
     """
+    rig, handle, p = setup
     motion = predicted.motion
     seen = state.seen
     assert seen is not None
     centre = motion.pose.translation
-    shift = displacement(images, predicted.expected, centre, rig, handle, p)
+    shift = displacement(images, predicted.expected, centre, setup)
     if shift is not None:
         moved = posefilter.restarted(motion, centre + shift[0], shift[1], seen, p.motion)
-        yield _guess(moved, state.blurred, rig, handle, p)
+        yield _guess(moved, state.blurred, setup)
     _, hypotheses, is_complete = search()
     if not hypotheses:
         return
     T, labels, sure = chosen(hypotheses, images, rig, handle, motion.pose, p)
     cameras = sum(bool((row >= 0).any()) for row in labels)
     pose = Pose("measured", T, SEARCH_COVARIANCE, np.nan, 0, cameras)
-    if sure and is_complete and believable(pose, motion, rig, handle, p):
+    if sure and is_complete and believable(pose, motion, setup):
         updated = posefilter.update(motion, T, SEARCH_COVARIANCE, p.motion)
-        yield _guess(updated, state.blurred, rig, handle, p)
+        yield _guess(updated, state.blurred, setup)
 
 
-def _searched(
-    images: list[np.ndarray], rig: Rig, handle: Handle, p: FollowParameters, work: Work
-) -> Searched:
+def _searched(images: list[np.ndarray], setup: Setup, work: Work) -> Searched:
     """Search the whole images, with the work that is not kept for the fit of what is found."""
-    kept = SEARCH_LEAVES * p.most_work
+    kept = SEARCH_LEAVES * setup.parameters.most_work
     work.left -= kept
-    found, hypotheses = identified(images, whole_images(rig), rig, handle, p, work)
+    found, hypotheses = identified(images, whole_images(setup.rig), *setup, work)
     is_complete = not work.was_cut
     work.left += kept
     return Searched(found, hypotheses, is_complete)
@@ -360,15 +357,14 @@ def _begun(
     images: list[np.ndarray],
     t: float,
     known: RigState | None,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
+    setup: Setup,
     search: Callable[[], Searched],
     work: Work,
 ) -> tuple[TrackState, Tracked]:
     """The state after an instant of which nothing is known but the rig: the handle is followed from
     where a search of the whole images has it.
     """
+    rig, handle, p = setup
     markers, hypotheses, is_complete = search()
     nothing = tuple(np.full(len(one.uv), -1) for one in markers)
     lost = TrackState(t, None, None, False, known, cursor=work.cursor)
@@ -378,7 +374,7 @@ def _begun(
         return lost, nowhere
     T, _, sure = chosen(hypotheses, images, rig, handle, None, p)
     motion = posefilter.begin(t, T, SEARCH_COVARIANCE, p.motion)
-    followed = follow(images, _guess(motion, False, rig, handle, p), rig, handle, p, known, work)
+    followed = follow(images, _guess(motion, False, setup), setup, known, work)
     if followed.pose is LOST:
         return lost, nowhere
     sure &= is_complete
@@ -390,12 +386,13 @@ def _begun(
     return lost._replace(cursor=0), tracked
 
 
-def believable(pose: Pose, motion: Motion, rig: Rig, handle: Handle, p: FollowParameters) -> bool:
+def believable(pose: Pose, motion: Motion, setup: Setup) -> bool:
     """Whether a measured pose may be the continuation of a motion; the less, the fewer cameras say
     so.
     """
     if pose.status != "measured" or pose.T_world_handle is None:
         return False
+    rig, handle, p = setup
     if pose.cameras == len(rig.cameras):
         sigmas = p.gate_all_sigmas
         step_mm = p.gate_all_mm

@@ -20,7 +20,7 @@ from trinolab.estimators.pixels import fit_patches
 from trinolab.files.recording import Frames
 from trinolab.following import look as look_module
 from trinolab.following import posefilter, posetracker
-from trinolab.following.look import Guess, expect, follow, look
+from trinolab.following.look import Guess, Setup, expect, follow, look
 from trinolab.following.parameters import FollowParameters
 from trinolab.following.posefilter import PoseFilterParameters
 from trinolab.pose import LOST
@@ -117,7 +117,8 @@ def test_a_predicted_pose_is_reported_with_the_windows_that_it_predicts(with_a_g
     for k in range(4):
         state, _ = posetracker.step(state, frames[k], k / FPS, RIG, CODED, p)
     motion = posefilter.predict(state.motion, 4 / FPS, p.motion)
-    wanted = look(frames[4], expect(RIG, CODED, motion, p), RIG, CODED, p)
+    setup = Setup(RIG, CODED, p)
+    wanted = look(frames[4], expect(setup, motion), setup)
     one = posetracker.step(state, frames[4], 4 / FPS, RIG, CODED, p)[1]
     assert one.measurement.pose.status == "predicted"
     assert one.windows == tuple(sight.window for sight in wanted)
@@ -251,8 +252,9 @@ def test_smeared_markers_leave_a_rig_as_sharp_ones_have_seen_it(smeared):
     silent = replace(RIG, covariance=None)
     motion = posefilter.begin(0.0, FIRST, np.diag([0.1] * 3 + [1e-4] * 3), BEST.motion)
     rates = np.concatenate([velocity, np.zeros(6)])
-    guess = Guess(motion._replace(rates=rates), expect(silent, CODED, motion, BEST), smeared)
-    followed = follow(frames, guess, silent, CODED, BEST)
+    setup = Setup(silent, CODED, BEST)
+    guess = Guess(motion._replace(rates=rates), expect(setup, motion), smeared)
+    followed = follow(frames, guess, setup)
     assert followed.pose.status == "measured"
     assert not apart(followed.pose.T_world_handle, FIRST, 0.5, np.deg2rad(0.5))
 
