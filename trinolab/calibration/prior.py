@@ -72,7 +72,9 @@ def prior_of(rig: Rig, handle: Handle, length: Length | None = None) -> Prior:
     if handle.placement_sigma_mm == 0:
         handle = replace(handle, placement_sigma_mm=None)
     if rig.covariance is None:
-        length = length or Length("cameras", 0, 1, _distance(rig, 0, 1))
+        first, second = (camera.centre for camera in rig.cameras[:2])
+        baseline_mm = float(np.linalg.norm(first - second))
+        length = length or Length("cameras", 0, 1, baseline_mm)
     known = known_covariance(rig)
     covariance = _held_by_first(rig, students_factor(known.freedom) * known.matrix)
     return Prior(frozen(covariance), known_placement_mm(handle), length)
@@ -93,10 +95,6 @@ def _held_by_first(rig: Rig, covariance: Array) -> Array:
     held[POSE] = 0.0
     held[:, POSE] = 0.0
     return (held + held.T) / 2
-
-
-def _distance(rig: Rig, a: int, b: int) -> float:
-    return float(np.linalg.norm(rig.cameras[a].centre - rig.cameras[b].centre))
 
 
 def basis(handle: Handle, prior: Prior) -> Array:

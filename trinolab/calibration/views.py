@@ -232,7 +232,7 @@ def _sighted(
             for label, image, path in _images(source, wanted[name], reported):
                 size = _same_size(image, size, path)
                 v = chosen.index(label)
-                grey = _eight_bit(image)
+                grey = image if image.dtype == np.uint8 else np.rint(image).astype(np.uint8)
                 if (name, label) not in known:
                     tried = _likeliest(target, by_camera, by_all)
                     known[name, label] = sight_target(grey, target, tried)
@@ -323,10 +323,6 @@ def _same_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> t
             + ("; likely it was turned between them" if new == size[::-1] else "")
         )
     return new
-
-
-def _eight_bit(image: np.ndarray) -> np.ndarray:
-    return image if image.dtype == np.uint8 else np.rint(image).astype(np.uint8)
 
 
 def _frame_name(frame: int) -> str:

@@ -179,10 +179,8 @@ def _neighbours(handle: Handle, nearest: int = 2) -> np.ndarray:
     """Indices (markers, nearest) of each marker's nearest neighbours on the surface."""
     theta = handle.marker_angles
     axial = handle.marker_centres[:, 1]
-    gap = np.hypot(handle.radius_mm * _wrapped(theta[:, None] - theta), axial[:, None] - axial)
+    turn = theta[:, None] - theta
+    turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
+    gap = np.hypot(handle.radius_mm * turn, axial[:, None] - axial)
     np.fill_diagonal(gap, np.inf)
     return gap.argsort(axis=1)[:, :nearest]
-
-
-def _wrapped(angle: Array) -> Array:
-    return angle - 2 * np.pi * np.round(angle / (2 * np.pi))

@@ -301,20 +301,18 @@ def _stepped(
             break
         before = taken
         taken = _improved(state if before is None else before.after, windows, rig, handle)
-        if _leads_away(taken):
+        # a step that is too long, or not a number, leads away
+        if not np.abs(taken.step[:6] / LARGEST_STEP).max() < 1:
             return None
         settled = before is not None and _has_settled(taken, before, windows, handle)
     return taken and taken._replace(settled=settled)
 
 
-def _leads_away(taken: _Taken) -> bool:
-    """Whether a step is too long, or not a number."""
-    return not np.abs(taken.step[:6] / LARGEST_STEP).max() < 1
-
-
 def _has_settled(taken: _Taken, last: _Taken, about_markers: Patches, handle: Handle) -> bool:
     """Whether the step after this one, which followed the `last`, would hardly move the pose."""
-    moved_px = _moved_px(taken.step, about_markers, handle)
+    arms = handle.marker_centres[about_markers.views.marker]
+    ways_mm = np.linalg.norm(taken.step[:3] + np.cross(taken.step[3:6], arms), axis=1)
+    moved_px = float((ways_mm * about_markers.px_per_mm).max())
     if taken.before.motion_blur is None:
         return moved_px < SETTLED_PX
     is_short = taken.sigmas < SETTLED_SIGMAS or taken.sigmas**2 < NEXT_SIGMAS * last.sigmas
@@ -568,14 +566,6 @@ def _own(step: Array, camera: np.ndarray, rig: Rig) -> Array:
     """
     common, blurs = np.split(step, [-len(rig.cameras)])
     return np.column_stack([np.broadcast_to(common, (len(camera), len(common))), blurs[camera]])
-
-
-def _moved_px(step: Array, here: Patches, handle: Handle) -> float:
-    """How far a step moves the markers at most, in any direction, px."""
-    arms = handle.marker_centres[here.views.marker]
-    return float(
-        (np.linalg.norm(step[:3] + np.cross(step[3:6], arms), axis=1) * here.px_per_mm).max()
-    )
 
 
 def _asked(normal: Reduced, step: Array) -> Array:

@@ -164,7 +164,8 @@ def expect(setup: Setup, motion: Motion) -> list[Expected]:
     views = views_of(rig)
     layout = layout_of(handle, p.identity)
     ahead = shifted(motion.pose, p.exposure_s * motion.rates[:6])
-    predicted = predict(_batch(motion.pose, ahead), views, layout)
+    both = np.stack([motion.pose.as_matrix(), ahead.as_matrix()])
+    predicted = predict(Poses(both[:, :3, :3], both[:, :3, 3]), views, layout)
     blur = np.linalg.norm(predicted.uv[1] - predicted.uv[0], axis=1).max(axis=1)
     facing = predicted.facing[0] > np.cos(np.deg2rad(p.expected_slant_deg))
     uv = np.where(facing[..., None], views.as_taken(predicted.uv[:1])[0].transpose(0, 2, 1), np.nan)
@@ -202,11 +203,6 @@ def _look(image: np.ndarray, camera: Camera, setup: Setup, uv: Array, reach_px: 
     return Sight(window, markers + corner)
 
 
-def _batch(*poses: RigidTransform) -> Poses:
-    matrices = np.stack([pose.as_matrix() for pose in poses])
-    return Poses(matrices[:, :3, :3], matrices[:, :3, 3])
-
-
 def follow(
     images: Sequence[np.ndarray],
     guess: Guess,
@@ -232,7 +228,8 @@ def follow(
     pixels = tuple(sight.found[:, :2] for sight in sights)
     T, labels = _agreed(pixels, near_setup, guess.motion.pose)
     followed = Followed(guess, LOST, labels, sights, state, np.nan)
-    if T is None and not _enough_markers(sights, p):
+    markers_found = sum(np.isfinite(sight.found[:, 0]).sum() for sight in sights)
+    if T is None and markers_found < p.min_found:
         return followed  # it is elsewhere
     instant = None
     moves = guess.blurred or (_may_move(guess, p) and _stretched(guess.expected, sights, p))
@@ -338,11 +335,6 @@ def _assessed(
             earlier = state.earlier.then(earlier)
         state = RigState(near, earlier)
     return followed._replace(pose=pose, rig=state)
-
-
-def _enough_markers(sights: Sequence[Sight], p: FollowParameters) -> bool:
-    """Whether enough markers are where they are expected to begin a fit of the pixels there."""
-    return bool(sum(np.isfinite(sight.found[:, 0]).sum() for sight in sights) >= p.min_found)
 
 
 def _displaced_start(images: Sequence[np.ndarray], guess: Guess, setup: Setup) -> RigidTransform:

@@ -258,7 +258,14 @@ def _refined(asked: _Asked) -> Refined:
             frames,
             poses,
             asked.kept / f"centres_{number}.json",
-            _head(asked, rig_text(rig), handle_text(handle), poses.as_matrix().tolist()),
+            fingerprint(
+                [],
+                {},
+                asked.made_from,
+                rig_text(rig),
+                handle_text(handle),
+                poses.as_matrix().tolist(),
+            ),
             asked.progress,
         )
         try:
@@ -267,7 +274,8 @@ def _refined(asked: _Asked) -> Refined:
             raise _TooLittleError(str(error)) from None
         rig = adjusted.bundle.rig
         handle = adjusted.bundle.handle
-        poses = _replaced(poses, adjusted)
+        new = dict(zip(adjusted.instants.tolist(), adjusted.bundle.poses, strict=True))
+        poses = RigidTransform.concatenate([new.get(k, pose) for k, pose in enumerate(poses)])
     counts = (len(good), len(table))
     return _as_refined(asked, adjusted, frames, counts, seen)
 
@@ -301,17 +309,6 @@ def _followed(asked: _Asked) -> pd.DataFrame:
         table, _ = follow(asked.recording, asked.handle, FOLLOWED_BY, asked.known, asked.progress)
         write_whole(kept, poses_text(table))
     return read_poses(kept)
-
-
-def _head(asked: _Asked, *parts: Any) -> str:
-    """What tells one step of the work from another."""
-    return fingerprint([], {}, asked.made_from, *parts)
-
-
-def _replaced(poses: RigidTransform, found: Cleaned) -> RigidTransform:
-    """The poses, with those that were adjusted in their places."""
-    new = dict(zip(found.instants.tolist(), found.bundle.poses, strict=True))
-    return RigidTransform.concatenate([new.get(k, pose) for k, pose in enumerate(poses)])
 
 
 def _as_refined(

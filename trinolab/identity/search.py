@@ -292,13 +292,6 @@ def search(observed: Observed, p: IdentityParameters, work: Work) -> tuple[Poses
     )
 
 
-class _Source(NamedTuple):
-    """Poses to try, one triplet after the other: of two cameras, or of one `camera` alone."""
-
-    camera: int | None
-    seeds: Iterator[Poses]
-
-
 def _tried(
     observed: Observed, p: IdentityParameters, work: Work
 ) -> Iterator[tuple[Poses, Explained]]:
@@ -329,22 +322,22 @@ def _tried(
     work.cursor = 0
 
 
-def _sources(observed: Observed, p: IdentityParameters) -> list[_Source]:
-    """Pairs of cameras, first those with most in common; then single cameras, first the one that
-    found most, unless there are matches.
+def _sources(observed: Observed, p: IdentityParameters) -> list[tuple[int | None, Iterator[Poses]]]:
+    """Poses to try, one triplet after the other, with the camera or None for a pair: of pairs of
+    cameras, first those with most in common; then of single cameras, first the one that found most,
+    unless there are matches.
 
     Whatever explains all that was found explains any triplet of it: a few triplets are enough.
     """
     points = [candidate_points(observed, pair, p) for pair in range(len(observed.pairs))]
     pairs = sorted(range(len(points)), key=lambda k: -len(np.unique(points[k].names[:, 0])))
-    sources = [
-        _Source(None, pair_seeds(points[k], observed.pairs[k][0], observed, p, tries=2))
-        for k in pairs
+    sources: list[tuple[int | None, Iterator[Poses]]] = [
+        (None, pair_seeds(points[k], observed.pairs[k][0], observed, p, tries=2)) for k in pairs
     ]
     if observed.matches is None:
         count = (observed.uv[:, 0] < FAR).sum(axis=1)
         for camera in np.argsort(-count, kind="stable").tolist():
-            sources.append(_Source(camera, single_seeds(camera, observed, p, tries=3)))
+            sources.append((camera, single_seeds(camera, observed, p, tries=3)))
     return sources
 
 
