@@ -37,7 +37,7 @@ class Measurement:
     ----------
     pose : Pose
     found : tuple of Markers
-        One a camera.
+        One per camera.
     labels : tuple of ndarray of int
         For each found marker its index on the handle, or -1.
     """
@@ -63,7 +63,7 @@ def measure(
     Parameters
     ----------
     frames : sequence of array_like, shape (height, width)
-        One grey image a camera, in the rig's order; grey levels 0 to 255 of any number type. Colour
+        One grey image per camera, in the rig's order; grey levels 0 to 255 of any number type. Colour
         and 16-bit images are for `recording.read_instants` to convert: an array does not say which
         channel is red, or what is white.
     rig, handle
@@ -175,7 +175,7 @@ def as_images(frames: Sequence[ArrayLike], rig: Rig) -> list[np.ndarray]:
     """The frames of one instant, checked: grey images of the rig's sizes."""
     as_rig(rig)
     if not isinstance(frames, (Sequence, np.ndarray)) or isinstance(frames, str):
-        raise ValueError(f"frames: expected an image a camera, got {type(frames).__name__}")
+        raise ValueError(f"frames: expected an image per camera, got {type(frames).__name__}")
     if len(frames) != len(rig.cameras):
         raise ValueError(
             f"frames: expected one for each of {len(rig.cameras)} cameras, got {len(frames)}"

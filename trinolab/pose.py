@@ -1,4 +1,4 @@
-"""From labelled markers to the handle's pose: the rigid fit of Eq. 23-24, its covariance, and the
+"""The handle's pose from labelled markers: the rigid fit of Eq. 23-24, its covariance, and the
 paper's estimate.
 """
 
@@ -92,8 +92,8 @@ class Pose:
 
     @property
     def covariance(self) -> Array:
-        """Of position (mm) and rotation vector (rad), world frame, by all that is known, shape (6,
-        6): `covariance_random` and `systematic`.
+        """Covariance of position (mm) and rotation vector (rad), world frame, by all that is known,
+        shape (6, 6): `covariance_random` and `systematic`.
         """
         return self.covariance_random + self.systematic
 
@@ -362,7 +362,7 @@ def fit_pose(
 
 
 def fit_response(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0) -> Response:
-    """How a pose that `fit_pose` has measured answers to the pixels; parameters as there.
+    """The response to the pixels of a pose that `fit_pose` has measured; parameters as there.
 
     Raises
     ------

@@ -30,7 +30,7 @@ NOTHING = frozen(np.zeros((6, 6)))  # the systematic covariance of a pose where 
 
 
 class Response(NamedTuple):
-    """How a pose answers to the pixels that it was measured from.
+    """The sensitivity of a pose to the pixels that it was measured from.
 
     Attributes
     ----------
@@ -81,8 +81,8 @@ def contradict(chi_square: float, freedom: int) -> bool:
 
 
 def students_factor(freedom: float) -> float:
-    """By how much a variance of some degrees of freedom is enlarged, so that one standard deviation
-    holds as large a share as it always does.
+    """The factor by which a variance of some degrees of freedom is enlarged, so that one standard
+    deviation holds as large a share as it always does.
     """
     return float(stdtrit(freedom, ONE_SIGMA) ** 2) if np.isfinite(freedom) else 1.0
 
@@ -167,7 +167,7 @@ def motion_slopes(rig: Rig, camera: np.ndarray, points: Array, origin: Array) ->
 
 
 class ImageOffsets(NamedTuple):
-    """By how much the cameras' images may be shifted against each other where a handle is.
+    """Possible shifts of the cameras' images against each other where a handle is.
 
     A handle is small against its distance: an error of the rig shifts each image of it as a whole.
 

@@ -28,7 +28,7 @@ from .window import Window
 
 
 class CameraState(NamedTuple):
-    """What the tracker knows of one camera.
+    """The tracker's state of one camera.
 
     Attributes
     ----------
@@ -46,7 +46,7 @@ class CameraState(NamedTuple):
 
 
 class TrackerState(NamedTuple):
-    """What the tracker knows after an instant.
+    """The tracker's state after an instant.
 
     Attributes
     ----------

@@ -55,7 +55,7 @@ class Window:
         return self.u + (self.width - 1) / 2, self.v + (self.height - 1) / 2
 
     def contains(self, uv: ArrayLike) -> np.ndarray:
-        """Which of the points uv (n, 2) lie on its pixels, bool (n,); NaN rows do not."""
+        """The points uv (n, 2) that lie on its pixels, bool (n,); NaN rows do not."""
         offset = as_points(uv, "uv", 2) - (self.u - 0.5, self.v - 0.5)
         return np.all((offset >= 0) & (offset < (self.width, self.height)), axis=1)
 

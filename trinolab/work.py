@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Work:
-    """What is left of the work that may be done.
+    """The work that may still be done.
 
     A unit is a thousand cells in a Gauss-Newton step of the image model with motion blur; other work
     is stated in such units. They were measured on the films `fast` and `hard` of

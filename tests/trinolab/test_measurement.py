@@ -134,8 +134,8 @@ def test_images_of_0_to_1_are_refused_and_dark_ones_are_not(frames):
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: measure(None, RIG, CODED), "frames: expected an image a camera, got None"),
-        (lambda: measure("abc", RIG, CODED), "frames: expected an image a camera, got str"),
+        (lambda: measure(None, RIG, CODED), "frames: expected an image per camera, got None"),
+        (lambda: measure("abc", RIG, CODED), "frames: expected an image per camera, got str"),
         (lambda: trinolab.Rig("paper_pair"), "cameras: expected two or more, got 'paper_pair'"),
         (lambda: trinolab.Rig(3), "cameras: expected two or more, got 3"),
         (lambda: trinolab.Rig([1, 2]), "cameras: expected values of Camera, got 1"),

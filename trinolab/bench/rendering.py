@@ -135,7 +135,9 @@ def scripted(
 
 
 def made_from(job: Job, motion: str) -> dict[str, Any]:
-    """All that decides what is in a recording, short: for the manifest, and for a cache's key."""
+    """Hashes of everything that decides the content of a recording: for the manifest, and for a
+    cache's key.
+    """
     parts = {
         "rig": [_camera_numbers(camera) for camera in job.rig.cameras],
         "handle": asdict(job.handle),
@@ -392,9 +394,7 @@ def cached_folder(name: str, manifest: dict[str, Any], make: Callable[[Path], ob
 
 
 def recordings_folder() -> Path:
-    """Where standard recordings are kept: a folder of the user's cache, which may be removed at any
-    time.
-    """
+    """The folder of the user's cache that holds standard recordings; it may be removed at any time."""
     return cache_folder() / "recordings"
 
 
@@ -438,7 +438,7 @@ def clear_recordings(chosen: Sequence[CachedRecording] | None = None) -> list[Ca
 
 
 def _stat(path: Path) -> list[os.stat_result]:
-    """What the system says of a file; nothing if it is gone, as those are that somebody renders."""
+    """The status of a file; empty if it is gone, as files are that another process renders."""
     try:
         return [path.stat()]
     except FileNotFoundError:
@@ -458,7 +458,7 @@ def _remove(path: Path) -> None:
 
 
 def _paths_by_name() -> dict[str, list[Path]]:
-    """What belongs to each standard recording: the folder, the unfinished one, the lock."""
+    """The paths of each standard recording: the folder, the unfinished one, the lock."""
     paths: dict[str, list[Path]] = {}
     for path in sorted(recordings_folder().glob("*")):
         name = path.stem if path.suffix in (PARTIAL, LOCK, REMOVED) else path.name

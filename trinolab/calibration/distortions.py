@@ -1,5 +1,5 @@
-"""How many distortion coefficients the views of a target can tell: by cross-validation over the
-views (Sect. 6.2).
+"""The number of distortion coefficients that the views of a target determine, by cross-validation
+over the views (Sect. 6.2).
 
 A lens model with more coefficients always fits its own views better, and its reported uncertainty
 speaks of noise alone. Whether it describes the lens is seen in views that were not used: cameras

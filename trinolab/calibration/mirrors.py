@@ -53,7 +53,7 @@ class Flipped(NamedTuple):
 
     @property
     def line(self) -> str:
-        """What was done, and what a user does next."""
+        """A line for the user: what was done, and what to do next."""
         names = ", ".join(self.cameras)
         others = ", ".join(name for name in self.seen.cameras if name not in self.cameras)
         rule = (
@@ -171,8 +171,8 @@ def _agreeing(rotations: Sequence[Array], orders: Sequence[Order]) -> list[Order
 
 
 def _spread(first: Array, order: Order, second: Array, other: Order) -> float:
-    """How far the relative rotations of two cameras turn from view to view, rad: the middle, from the
-    one that is nearest to most; infinite for too few views.
+    """The change of the relative rotation of two cameras from view to view, rad: the median, from
+    the rotation that is nearest to most; infinite for too few views.
     """
     left = order.image @ first @ order.board
     relative = other.image @ second @ other.board @ left.transpose(0, 2, 1)

@@ -1,4 +1,5 @@
-"""What is known of a rig and a handle before a bundle adjustment, and the unknowns that it leaves.
+"""Prior knowledge of a rig and a handle before a bundle adjustment, and the unknowns that it
+leaves.
 
 **Unknowns of unit variance.** With P = B B^T and g = B u the prior of u is the unit matrix. What is known
 exactly has no column in B, and px, mm and rad stand on one footing.
@@ -42,7 +43,7 @@ class Length(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """What is known before.
+    """Prior knowledge of a rig and a handle.
 
     Attributes
     ----------
@@ -60,8 +61,7 @@ class Prior(NamedTuple):
 
 
 def prior_of(rig: Rig, handle: Handle, length: Length | None = None) -> Prior:
-    """What is known of a rig and a handle before: what they state, else what is usual
-    (`default_covariance`).
+    """The prior of a rig and a handle: what they state, else the `default_covariance`.
 
     A rig that states nothing has the scale held by the distance of its first two cameras, if no
     other length is given. So does one that is stated to be exact, as the bench's is: who adjusts it

@@ -191,7 +191,7 @@ class Target:
 
     @property
     def side_of_marker(self) -> float:
-        """Of a ChArUco board, mm."""
+        """Side of a ChArUco board's marker, mm."""
         return _MARKER_SHARE * self.square_mm if self.marker_mm is None else self.marker_mm
 
     @property
@@ -226,7 +226,7 @@ class Target:
 
 
 class Look(NamedTuple):
-    """How a target looks in an image.
+    """The appearance of a target in an image.
 
     Attributes
     ----------
@@ -242,8 +242,8 @@ class Look(NamedTuple):
 
 
 class Sighting(NamedTuple):
-    """What an image shows of a target: its points, shape (n, 2), px, NaN for those that are not
-    found, and how it looks.
+    """A target in an image: its points, shape (n, 2), px, NaN for those that are not found, and its
+    appearance.
     """
 
     uv: Array
@@ -251,8 +251,8 @@ class Sighting(NamedTuple):
 
 
 def looks(target: Target) -> tuple[Look, ...]:
-    """How a target may look, the usual first. Chessboards and circles look in a mirror as they do
-    without one.
+    """Possible appearances of a target, the usual first. Chessboards and circles look in a mirror
+    as they do without one.
     """
     usual = (Look(), Look(inverted=True))
     if target.kind != "charuco":
@@ -375,7 +375,7 @@ def _charuco(grey: np.ndarray, target: Target) -> Array:
 
 
 def _free_share(target: Target) -> float:
-    """How far from a corner the nearest marker begins, as a share of a square: a window should not
+    """Distance from a corner to the nearest marker, as a share of a square: a window should not
     reach it.
     """
     return (1 - target.side_of_marker / target.square_mm) / 2

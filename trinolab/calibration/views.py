@@ -29,7 +29,7 @@ SURE = 5
 
 
 class TargetViews(NamedTuple):
-    """What cameras saw of a target.
+    """The points of a target in the images of the cameras.
 
     Attributes
     ----------
@@ -180,7 +180,7 @@ def _matching(pattern: Path) -> _Source:
 def _found(
     opened: dict[str, _Source], chosen: list[str], target: Target, progress: bool
 ) -> TargetViews:
-    """What the chosen views show, none passed over; of many images a few first."""
+    """The target in the chosen views, none passed over; of many images a few are looked at first."""
     every = {
         name: [label for label in chosen if label in set(source.labels)]
         for name, source in opened.items()
@@ -197,7 +197,7 @@ def _found(
 
 
 def _spread(labels: list[str], count: int) -> list[str]:
-    """So many of the labels, each from the middle of as large a part of them."""
+    """A number of the labels, each from the middle of an equal part of them."""
     if len(labels) <= count:
         return labels
     return [labels[(2 * k + 1) * len(labels) // (2 * count)] for k in range(count)]
@@ -211,8 +211,8 @@ def _sighted(
     progress: bool,
     known: dict[tuple[str, str], Sighting],
 ) -> TargetViews:
-    """What those of the chosen views show that are wanted of each camera. What an image shows is added
-    to what is `known` by its camera and label, and taken from there.
+    """The target in those of the chosen views that are wanted of each camera. Each detection is
+    added to `known` by its camera and label, and taken from there.
     """
     shape = (len(opened), len(chosen))
     uv = np.full((*shape, len(target.points), 2), np.nan)
@@ -262,7 +262,7 @@ def _sighted(
 
 
 def _likeliest(target: Target, by_camera: Counter[Look], by_all: Counter[Look]) -> list[Look]:
-    """How the target may look in the next image of a camera, by how often it looked like that."""
+    """The target's appearances in the next image of a camera, the most frequent so far first."""
     light = sum(count for look, count in by_all.items() if look.inverted)
     dark = by_all.total() - light
     prints = {True: light, False: dark}

@@ -1,5 +1,5 @@
-"""What a wrapped marker's image looks like: windows of pixels about markers, and what each pixel
-shows before the blur.
+"""The image of a wrapped marker: windows of pixels about markers, and the light of each pixel
+before the blur.
 
 A pixel's ray meets the cylinder in closed form; distances from the marker's edge and from the
 body's outline give the share of the pixel's area that each covers (`loops.draw`). A view is a marker
@@ -21,7 +21,7 @@ from ..rigid import rotation_of
 
 
 class Views(NamedTuple):
-    """Which markers in which images: index of the camera and of the marker, each of shape (k,)."""
+    """Pairs of image and marker: index of the camera and of the marker, each of shape (k,)."""
 
     camera: np.ndarray
     marker: np.ndarray
@@ -53,7 +53,7 @@ class Windows(NamedTuple):
 
     @property
     def pixels(self) -> int:
-        """How many a cell has."""
+        """The number of pixels of a cell."""
         return self.cell[0] * self.cell[1]
 
     @property

@@ -26,7 +26,7 @@ SATURATED = 250.0  # grey levels; a brighter pixel has no weight
 
 
 class Grid(NamedTuple):
-    """How windows are divided.
+    """The division of windows into cells.
 
     Attributes
     ----------
@@ -79,8 +79,8 @@ class Patches(NamedTuple):
     by_motion: Array
 
     def ways_px(self, motion: Array) -> Array:
-        """By how much what lies in the middle moves in the image, shape (k, 2), px, as the handle
-        makes a motion (6,), mm and rad, world frame.
+        """Displacement of each window's middle in the image, shape (k, 2), px, for a motion (6,) of
+        the handle, mm and rad, world frame.
         """
         return self.by_motion @ motion
 
@@ -142,7 +142,7 @@ def moving_patches(
 
 
 class Seen(NamedTuple):
-    """What cameras see of a handle's markers: pixels (cameras, n, 2), slant, rad, and pixels to a
+    """A handle's markers as cameras see them: pixels (cameras, n, 2), slant, rad, and pixels per
     millimetre across the line of sight, (cameras, n).
     """
 
@@ -207,7 +207,7 @@ def _pixels(images: Sequence[np.ndarray], views: Views, at: Windows) -> Array:
 
 
 def _of_cells(combine: np.ufunc, pixels: Array, cell: tuple[int, int]) -> Array:
-    """What each cell's pixels make together, shape (k, p), of windows (k, height, width)."""
+    """Sums over each cell's pixels, shape (k, p), of windows (k, height, width)."""
     width, height = cell
     # a slice for each pixel of a cell: NumPy is slow along axes of two or three
     parts = [pixels[:, v::height, u::width] for v in range(height) for u in range(width)]

@@ -169,7 +169,7 @@ def fit_patches(
     Parameters
     ----------
     images : sequence of ndarray, shape (height, width)
-        Grey levels 0 to 255, one image a camera.
+        Grey levels 0 to 255, one image per camera.
     rig : Rig
     handle : Handle
     start : RigidTransform
@@ -375,13 +375,12 @@ def _pulls(
 
 
 def _longest_way_px(windows: Patches, motion: Array) -> float:
-    """How far a motion (6,) moves the windows at most while the shutter is open, px."""
+    """The longest distance that a motion (6,) moves a window while the shutter is open, px."""
     return float(np.linalg.norm(windows.ways_px(motion), axis=1).max())
 
 
 def _smear_px(last: _Step, rig: Rig) -> float:
-    """How long the markers are smeared in the camera where that is most, px, whatever motion does
-    it.
+    """Length of the motion blur in the camera where it is longest, px, whatever motion causes it.
 
     To second order a smear of length w along a direction adds w^2/12 to the blur's variance there:
     a round blur of w^2/24, and w^2/24 by which it is longer than wide. The latter, upright and along
@@ -405,8 +404,8 @@ def _smear_px(last: _Step, rig: Rig) -> float:
 
 
 def _response(last: _Step, motions: Array, rig: Rig, T: RigidTransform) -> Response:
-    """How the pose answers to shifts of its windows: to each as to the motion of the handle that
-    shifts it alike, see `_motions`.
+    """Derivative of the pose by shifts of its windows: a shift is the motion of the handle that
+    moves the window alike, see `_motions`.
     """
     windows = last.patches
     spread = inverse(last.information)[:6]
@@ -569,14 +568,16 @@ def _own(step: Array, camera: np.ndarray, rig: Rig) -> Array:
 
 
 def _asked(normal: Reduced, step: Array) -> Array:
-    """What each window alone still asks for after a step (k, m) of its unknowns: its gradient by
-    position, shape (k, 3).
+    """Gradient by position that each window has left after a step (k, m) of its unknowns, shape (k,
+    3).
     """
     return normal.gradient[:, :3] - (normal.information[:, :3] @ step[..., None])[..., 0]
 
 
 def _still_asked_mm(last: _Step, rig: Rig) -> Array:
-    """How far each marker's window alone would still move the handle after the last step, (k,)."""
+    """Distance by which each marker's window alone would still move the handle after the last step,
+    (k,).
+    """
     along = np.linalg.pinv(last.normal.information[:, :3, :3], rcond=1e-2, hermitian=True)
     asked = _asked(last.normal, _own(last.step, last.patches.views.camera, rig))
     return np.asarray(np.linalg.norm((along @ asked[..., None])[..., 0], axis=1))

@@ -170,7 +170,7 @@ def response_of_pixels(
     shading: Array | None = None,
     huber: float = 3.0,
 ) -> Response:
-    """How the pose of `fit_pixels` answers to the centroids; parameters as there."""
+    """The derivative of the pose of `fit_pixels` by the centroids; parameters as there."""
     predicted, J = predict_centroids(rig, handle, T, views, shading)
     _, gain, _ = _normal(uv, inverse(covariance), predicted, J, huber)
     gain = np.einsum("ab,bkd->akd", both_in_world(T), gain)

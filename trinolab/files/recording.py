@@ -162,13 +162,13 @@ class Instant(NamedTuple):
 
 
 class Recording(NamedTuple):
-    """What the cameras of a rig took together.
+    """A recording of all cameras of a rig.
 
     Attributes
     ----------
     rig : Rig
     footage : tuple of Footage
-        One a camera, in the rig's order.
+        One per camera, in the rig's order.
     length : int
         Instants; where all cameras are videos, as their headers say.
     times_s : ndarray or None
@@ -205,7 +205,7 @@ class Recording(NamedTuple):
 
 
 class Frames(NamedTuple):
-    """One instant: its number from 0, its time (s), and a grey image a camera, in the rig's
+    """One instant: its number from 0, its time (s), and a grey image per camera, in the rig's
     order.
     """
 
@@ -454,7 +454,7 @@ def frames_named(names: Sequence[str]) -> list[int]:
 
 
 def read_instants(listed: Sequence[Instant], rig: Rig) -> Iterator[list[np.ndarray]]:
-    """Read the images of instants one after the other, a grey image a camera; see
+    """Read the images of instants one after the other, a grey image per camera; see
     `images.read_greys`.
 
     Raises

@@ -34,7 +34,7 @@ SPREAD_MM, SPREAD_RAD = 50.0, 0.5  # distances that count alike in the choice of
 
 
 class Motion(NamedTuple):
-    """How the handle moves at some instants, by the poses before and after.
+    """The handle's motion at some instants, by the poses before and after.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Motion(NamedTuple):
 
 
 def motion(shown: pd.DataFrame, rig: Rig, exposure_s: float) -> Motion:
-    """How the handle moves at the rows of a table of poses; of a single one nothing is known, and it
+    """The handle's motion at the rows of a table of poses; of a single one nothing is known, and it
     counts as still.
     """
     if len(shown) < 2:

@@ -48,7 +48,7 @@ AGREED_COVARIANCE = np.diag(np.repeat([0.5, 0.1], 3) ** 2)
 
 
 class Setup(NamedTuple):
-    """What a handle is followed with."""
+    """The constants of a track: rig, handle and parameters."""
 
     rig: Rig
     handle: Handle
@@ -56,7 +56,7 @@ class Setup(NamedTuple):
 
 
 class Expected(NamedTuple):
-    """Where a motion predicts the markers in a camera.
+    """The markers in a camera as a motion predicts them.
 
     Attributes
     ----------
@@ -74,13 +74,13 @@ class Expected(NamedTuple):
 
 
 class Guess(NamedTuple):
-    """Where the handle may be, and how it is looked for there.
+    """A motion of the handle that is tried, and how it is looked for there.
 
     Attributes
     ----------
     motion : Motion
     expected : list of Expected
-        Where that has the markers, one a camera.
+        Where that has the markers, one per camera.
     blurred : bool
         Whether the handle is fitted as one that moves while the shutter is open.
     """
@@ -91,7 +91,7 @@ class Guess(NamedTuple):
 
 
 class Sight(NamedTuple):
-    """What one camera shows where the handle is expected.
+    """The markers that one camera shows where they are expected.
 
     Attributes
     ----------
@@ -121,14 +121,14 @@ class RigState(NamedTuple):
 
 
 class Followed(NamedTuple):
-    """What was measured where a guess has the handle.
+    """The measurement where a guess has the handle.
 
     Attributes
     ----------
     guess : Guess
     pose : Pose
         ``measured``; `LOST` if too little fits.
-    labels : tuple of ndarray of int, one a camera, shape (markers,)
+    labels : tuple of ndarray of int, one per camera, shape (markers,)
         The marker's index where it was found and agrees, else -1.
     sights : tuple of Sight
         What the cameras show there.
@@ -159,7 +159,7 @@ def prepare() -> None:
 
 
 def expect(setup: Setup, motion: Motion) -> list[Expected]:
-    """Where a motion predicts the markers, one a camera."""
+    """Predicted markers of a motion, one `Expected` per camera."""
     rig, handle, p = setup
     views = views_of(rig)
     layout = layout_of(handle, p.identity)
@@ -259,8 +259,8 @@ def _fitted_still(
     setup: Setup,
     work: Work,
 ) -> Followed:
-    """What was followed with the pose of a handle that is still, if it is; `instant` is what the
-    markers agree on.
+    """The measurement with the pose of a handle that is still, if it is; `instant` has the pose
+    that the markers agree on.
     """
     pose = LOST if instant is None else _agreeing_pose(instant, setup)
     if pose is not LOST:
@@ -291,9 +291,9 @@ def _fitted_moving(
     setup: Setup,
     work: Work,
 ) -> Followed:
-    """What was followed with the pose of a handle that moves while the shutter is open: fitted from
-    the pose that the markers agree on, which tells of the velocity as well; else from where the images
-    have the handle, or as predicted.
+    """The measurement with the pose of a handle that moves while the shutter is open. The fit
+    begins at the pose that the markers agree on, which updates the velocity as well; else where the
+    images have the handle, or as predicted.
     """
     _, handle, p = setup
     near = followed.rig.near
@@ -322,7 +322,7 @@ def _assessed(
     fit_at: Callable[[Rig, RigidTransform], Fit | None],
     setup: Setup,
 ) -> Followed:
-    """What was followed with the pose of a fit, and with the rig as it leaves it."""
+    """The measurement with the pose of a fit, and with the rig as the fit leaves it."""
     if fit is None:
         return followed
     state = followed.rig
@@ -418,7 +418,7 @@ def _sure(pose: Pose, p: FollowParameters) -> bool:
 
 
 def found_markers(sight: Sight) -> Markers:
-    """What a camera shows, with a row for each marker; NaN where there is none."""
+    """The markers that a camera shows, one row per marker of the handle; NaN where there is none."""
     table = sight.found
     return Markers(
         frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), ()
@@ -486,12 +486,12 @@ def displacement(
     centre: Array,
     setup: Setup,
 ) -> tuple[Array, Array] | None:
-    """By how much all of the handle has moved from where it was expected, if the cameras agree.
+    """The shift of the whole handle from where it was expected, if the cameras agree.
 
     Parameters
     ----------
     images : sequence of ndarray, shape (height, width)
-    expected : sequence of Expected, one a camera
+    expected : sequence of Expected, one per camera
     centre : ndarray, shape (3,)
         Where the handle is expected, world frame, mm.
     setup : Setup
@@ -566,9 +566,7 @@ def _shift(
 
 
 def _spots(image: np.ndarray, size: float) -> np.ndarray:
-    """How much a spot of a size stands out from its surroundings, at most as much as half the spots
-    do.
-    """
+    """Contrast of spots of a size with their surroundings, at most as much as half the spots have."""
     near = cv2.GaussianBlur(image, (0, 0), max(size / 4, 0.6))
     wide = cv2.GaussianBlur(image, (0, 0), max(size, 1.5))
     out = np.maximum(near - wide, 0.0)

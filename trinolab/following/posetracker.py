@@ -54,7 +54,7 @@ SEARCH_COVARIANCE = np.diag(np.repeat([1.0, 0.1], 3) ** 2)
 
 
 class TrackState(NamedTuple):
-    """What is known after an instant.
+    """The state of a track after an instant.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class Tracked(NamedTuple):
     measurement : Measurement
     windows : tuple of Window or None
         That were searched; None where a camera was left out.
-    labels : tuple of ndarray of int, one a camera, or None
+    labels : tuple of ndarray of int, one per camera, or None
         Of the markers found near where they were expected, also where they agree on no pose; None
         where the whole images were searched.
     """
@@ -105,12 +105,12 @@ class Tracked(NamedTuple):
 
 
 class Searched(NamedTuple):
-    """What the whole images of an instant show.
+    """The result of a search of the whole images of an instant.
 
     Attributes
     ----------
     found : tuple of Markers
-        One a camera.
+        One per camera.
     hypotheses : list of Hypothesis
         See `identity.identify`.
     is_complete : bool
@@ -256,8 +256,8 @@ def step(
 
 
 def _better(best: Followed | None, followed: Followed, setup: Setup) -> Followed | None:
-    """What a guess has led to, if more cameras show it than the best one so far, and it may be the
-    continuation of the motion; else the best one so far.
+    """The measurement at a guess, if more cameras show it than the best one so far, and it may be
+    the continuation of the motion; else the best one so far.
     """
     cameras = 0 if best is None else best.pose.cameras
     if followed.pose.cameras <= cameras:
@@ -288,8 +288,8 @@ def _further_guesses(
     setup: Setup,
     search: Callable[[], Searched],
 ) -> Iterator[Guess]:
-    """Where the handle may be if not as predicted: shifted to where the images have it, and where a
-    search of the whole images finds it.
+    """Further guesses, if the handle is not as predicted: shifted to where the images have it, and
+    as a search of the whole images finds it.
     """
     rig, handle, p = setup
     motion = predicted.motion
@@ -322,7 +322,7 @@ def _searched(images: list[np.ndarray], setup: Setup, work: Work) -> Searched:
 
 
 def _tracked(followed: Followed, pose: Pose, labels: tuple[np.ndarray, ...]) -> Tracked:
-    """What was found where a guess has the handle, with the pose that is reported."""
+    """The instant of a measurement at a guess, with the pose that is reported."""
     markers = tuple(map(found_markers, followed.sights))
     windows = tuple(sight.window for sight in followed.sights)
     return Tracked(Measurement(pose, markers, labels), windows, followed.labels)
@@ -410,8 +410,8 @@ def believable(pose: Pose, motion: Motion, setup: Setup) -> bool:
 
 
 def _reported(tracked: Tracked, sure: bool, handle: Handle) -> Tracked:
-    """As it is if it is sure which of the equivalent poses holds, else with the one that `measure`
-    would name.
+    """The instant as it is if only one of the equivalent poses can hold, else with the one that
+    `measure` would name.
     """
     m = tracked.measurement
     pose = m.pose

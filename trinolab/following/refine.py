@@ -1,4 +1,4 @@
-"""What `trinolab refine` does: from a recording of the moving handle, a better rig and a better
+"""The command ``trinolab refine``: a recording of the moving handle to a better rig and a better
 handle file.
 
 The handle is followed, instants that spread over its motion are chosen, the centres of their markers
@@ -51,7 +51,7 @@ FOLLOWED_BY = FollowParameters(estimator=BEST)
 
 
 class Refined(NamedTuple):
-    """What a recording says about a rig and a handle.
+    """A rig and a handle adjusted to a recording.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Refined(NamedTuple):
         Rms distance of the centres from where the old rig and handle have them, with the poses that
         fit those best, and the new ones.
     views : pandas.DataFrame
-        A row a camera and instant: `frame`, `camera`, `status` (``used``, ``left out``, ``nothing
+        A row per camera and instant: `frame`, `camera`, `status` (``used``, ``left out``, ``nothing
         seen``), `centres`, `rms_px` (NaN if not used), `reason`.
     """
 
@@ -281,7 +281,7 @@ def _refined(asked: _Asked) -> Refined:
 
 
 def _to_record(asked: _Asked, table: pd.DataFrame, moved: Motion) -> str:
-    """How still the handle was, and what to record instead."""
+    """A line about a handle that was not still enough, and what to record instead."""
 
     def images_of(numbers: list[int]) -> Iterator[Sequence[np.ndarray]]:
         frames = table["frame"].iloc[numbers].tolist()

@@ -1,4 +1,4 @@
-"""How far the clocks of unsynchronised cameras lie apart, from the motion that they saw.
+"""Offsets between the clocks of unsynchronised cameras, from the motion that they saw.
 
 A camera's frame labelled t shows what happened at t + offset. Two cameras a and b see a moving
 marker where the epipolar constraint allows it only if both look at one moment, so b's pixel is
@@ -42,7 +42,7 @@ BEYOND = f"no best offset within {LARGEST_S:g} s"
 
 @dataclass(frozen=True, eq=False)
 class Offsets:
-    """How late each camera is.
+    """Clock offsets: the delay of each camera.
 
     Attributes
     ----------

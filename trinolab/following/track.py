@@ -1,4 +1,4 @@
-"""From a recording to a file of poses: the command ``trinolab track``."""
+"""The command ``trinolab track``: a recording to a file of poses."""
 
 from __future__ import annotations
 
@@ -242,7 +242,7 @@ class Seen(NamedTuple):
             self.uv.append(_identified(tracked, markers))
 
     def offsets(self, rig: Rig) -> Offsets | None:
-        """How far the clocks lie apart; None for less than two instants."""
+        """The offsets between the clocks; None for less than two instants."""
         if len(self.times_s) < 2:
             return None
         return estimate_offsets(np.array(self.times_s), np.stack(self.uv, axis=1), rig)

@@ -253,9 +253,7 @@ def _frames(triangles: Array) -> Array:
 
 
 def _score(uv: Array, axes: Array | None, names: np.ndarray) -> Array:
-    """How promising triplets (t, 3) are: large ones, of round markers, for these face the
-    camera.
-    """
+    """Scores of triplets (t, 3): high for large ones of round markers, which face the camera."""
     (ax, bx, cx), (ay, by, cy) = uv[:, names].transpose(0, 2, 1)
     area = np.abs((bx - ax) * (cy - ay) - (cx - ax) * (by - ay))
     return area if axes is None else area * (axes[:, 1] / axes[:, 0])[names].prod(axis=1)

@@ -26,7 +26,7 @@ TOOL = "tool"  # the site whose pose is commanded
 
 
 class Limits(NamedTuple):
-    """What no command exceeds: lowest and highest position, rad, speed, rad/s, acceleration,
+    """Limits of every command: lowest and highest position, rad, speed, rad/s, acceleration,
     rad/s^2; each (n,).
     """
 
@@ -192,7 +192,7 @@ def _positive(value: ArrayLike, name: str, n: int) -> Array:
 
 
 class Reading(NamedTuple):
-    """What is measured at the arm.
+    """Measurements at the arm.
 
     Attributes
     ----------
@@ -270,7 +270,7 @@ class Slave:
         return self.read()
 
     def read(self) -> Reading:
-        """What is measured now."""
+        """The present measurements."""
         d = self._data
         return Reading(
             float(d.time),

@@ -60,8 +60,8 @@ class Workspace:
 
 @dataclass(frozen=True, eq=False)
 class Polyhedron:
-    """What all cameras of a rig see: `status` as in `Workspace`, corners (k, 3) in mm, triangles
-    (m, 3), mm^3.
+    """The common field of view of all cameras of a rig: `status` as in `Workspace`, corners (k, 3)
+    in mm, triangles (m, 3), mm^3.
     """
 
     status: str
