@@ -356,10 +356,10 @@ def commonest_ratio(frame: np.ndarray, background: np.ndarray, step: int = 8) ->
     """The result of `light_gain` for images that are checked."""
     base = np.ascontiguousarray(background[::step, ::step])
     few = frame[::step, ::step].astype(base.dtype)
-    told = (base > DARK) & (few > 0) & (few < WHITE)
-    if not told.any():
+    usable = (base > DARK) & (few > 0) & (few < WHITE)
+    if not usable.any():
         return 1.0
-    logs = np.log(few[told] / base[told])
+    logs = np.log(few[usable] / base[usable])
     # The cells rise with the ratio; the first and the last one take all that is beyond.
     cells = _BINS * _CELLS
     cell = np.clip((logs / _MOST + 1) * (cells / 2) + 1, 0, cells + 1).astype(np.intp)

@@ -96,7 +96,7 @@ def measure(
     pixels = tuple(markers.uv for markers in markers_by_camera)
     if not hypotheses:
         return Measurement(LOST, markers_by_camera, tuple(np.full(len(uv), -1) for uv in pixels))
-    T, labels, sure = chosen(hypotheses, images, rig, handle, prior, p)
+    T, labels, unambiguous = chosen(hypotheses, images, rig, handle, prior, p)
     uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
     near = rig
     # the paper's method takes a rig that is stated to be exact as it is
@@ -104,7 +104,7 @@ def measure(
         near, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
     # Eq. 19-24, or another estimator
     pose = estimate(Identified(images, uv, T, near), rig, handle, p)
-    if not sure and pose is not LOST:
+    if not unambiguous and pose is not LOST:
         pose = replace(pose, status="ambiguous")
     return Measurement(pose, markers_by_camera, labels)
 
@@ -155,10 +155,10 @@ def chosen(
     if len(options) > 1:
         has_body = keep_by_body(images, rig, handle, [T for *_, T in options], p.identity)
         options = [option for option, keep in zip(options, has_body, strict=True) if keep]
-    index, sure = choose([T for *_, T in options], prior)
+    index, unambiguous = choose([T for *_, T in options], prior)
     hypothesis, symmetry, T = options[index]
     labels = tuple(relabel(label, handle, symmetry) for label in hypothesis.labels)
-    return T, labels, sure
+    return T, labels, unambiguous
 
 
 def markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Parameters) -> Markers:

@@ -45,7 +45,7 @@ from trinolab.camera import Camera, Rig
 from trinolab.files import recording_writer
 from trinolab.files.images import as_grey, decoded
 from trinolab.files.inputs import read_csv
-from trinolab.files.kept import sole_writer, stamp
+from trinolab.files.journal import sole_writer, stamp
 from trinolab.files.outputs import check_parent, resolved, write_whole
 from trinolab.files.poses import read_poses, transforms
 from trinolab.files.recording import Recording, instants, open_folder

@@ -32,7 +32,7 @@ from ..camera import Camera, Rig
 from ..checks import as_number, as_whole
 from ..datasets import handle_of, load_handle, load_rig, rig_of
 from ..files.fetch import cache_folder
-from ..files.kept import locked
+from ..files.journal import locked
 from ..files.outputs import write_whole
 from ..files.poses import pose_table, poses_by_frame, read_poses
 from ..files.recording_writer import (
@@ -106,16 +106,13 @@ def render(
         exists already, cannot be written, was begun with other arguments, or that another process
         works on.
     """
-    the_rig = rig_of(rig)
-    the_handle = handle_of(handle)
+    rig, handle = rig_of(rig), handle_of(handle)
     motion = str(motion)
     seed = as_whole(seed, "seed", 0, 2**63 - 1)
     if motion in SCRIPTS:
-        job = scripted(
-            motion, the_rig, the_handle, seed, SECONDS if seconds is None else seconds, fps
-        )
+        job = scripted(motion, rig, handle, seed, SECONDS if seconds is None else seconds, fps)
     else:
-        job = Job(the_rig, the_handle, *_followed(motion, the_rig, seconds, fps), seed)
+        job = Job(rig, handle, *_followed(motion, rig, seconds, fps), seed)
     return write_recording(job, out, made_from(job, motion), progress)
 
 

@@ -171,7 +171,7 @@ def adjust(rig: Rig, handle: Handle, poses: RigidTransform, seen: Centres, prior
     state = _placed(problem, start, matrices[:, :3, :3], matrices[:, :3, 3])
     factor = 1.0
     for _ in range(MOST_ROUNDS):  # the residuals say how large the noise is
-        state, at = _settled(problem, state, factor)
+        state, at = _minimised(problem, state, factor)
         reduced = _reduced(problem, state, at, factor)
         # nor are they better than that: errors that neighbours have in common do not show
         larger = max(factor * _noise(problem, at, reduced, factor), 1.0)
@@ -201,7 +201,7 @@ def _placed(problem: _Problem, u: Array, rotations: Array, translations: Array) 
     )
 
 
-def _settled(problem: _Problem, state: _State, factor: float) -> tuple[_State, _Linear]:
+def _minimised(problem: _Problem, state: _State, factor: float) -> tuple[_State, _Linear]:
     """The state of the lowest cost, for a noise that is larger by a factor, and its
     linearisation.
     """

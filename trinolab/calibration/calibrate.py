@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from ..camera import Camera
 from ..checks import Array
-from ..files.kept import sole_writer
+from ..files.journal import sole_writer
 from ..files.outputs import check_target, write_together
 from ..files.rigs import covariance_path, covariance_text, rig_text
 from ..rigid import left_jacobian

@@ -95,7 +95,7 @@ def patches(
     """Windows about all markers that a pose turns to a camera by at most a slant, as far as they
     lie in its image.
     """
-    seen = _seen(rig, handle, T_world_handle)
+    seen = _marker_views(rig, handle, T_world_handle)
     facing = seen.slant < np.deg2rad(max_slant_deg)
     side = 2 * int(np.ceil(min(seen.largest_px(facing, handle), LARGEST_PX) / 2 + MARGIN_PX)) + 1
     views = Views(*np.nonzero(facing))
@@ -118,7 +118,7 @@ def moving_patches(
     They have room for the smeared marker. The handle is drawn in larger ones, with at most
     `most_cells` cells in all: the longer the way, the coarser they are.
     """
-    seen = _seen(rig, handle, T_world_handle)
+    seen = _marker_views(rig, handle, T_world_handle)
     facing = seen.slant < np.deg2rad(max_slant_deg)
     largest = seen.largest_px(facing, handle)
     views = Views(*np.nonzero(facing))
@@ -141,7 +141,7 @@ def moving_patches(
     return here._replace(alone=_alone(here), by_motion=by_motion)
 
 
-class Seen(NamedTuple):
+class MarkerViews(NamedTuple):
     """A handle's markers as cameras see them: pixels (cameras, n, 2), slant, rad, and pixels per
     millimetre across the line of sight, (cameras, n).
     """
@@ -155,7 +155,7 @@ class Seen(NamedTuple):
         return float(handle.marker_diameter_mm * self.px_per_mm[facing].max(initial=0.0))
 
 
-def _seen(rig: Rig, handle: Handle, T_world_handle: RigidTransform) -> Seen:
+def _marker_views(rig: Rig, handle: Handle, T_world_handle: RigidTransform) -> MarkerViews:
     """The markers of a pose in all cameras, whatever hides them."""
     centres = T_world_handle.apply(handle.marker_centres)
     normals = handle.marker_normals @ rotation_of(T_world_handle).T
@@ -163,13 +163,13 @@ def _seen(rig: Rig, handle: Handle, T_world_handle: RigidTransform) -> Seen:
     views = views_of(rig)
     depth = centres @ views.rotations[:, 2].T + views.translations[:, 2]  # (n, cameras)
     px_per_mm = views.focal.mean(axis=1)[:, None] / depth.T
-    return Seen(uv, angles_to(centres, normals, views.centres[:, None]), px_per_mm)
+    return MarkerViews(uv, angles_to(centres, normals, views.centres[:, None]), px_per_mm)
 
 
 def cut(
     images: Sequence[np.ndarray],
     rig: Rig,
-    seen: Seen,
+    seen: MarkerViews,
     views: Views,
     points: Array,
     grid: Grid,

@@ -24,7 +24,7 @@ from ..checks import Array, as_number
 from ..datasets import handle_of, rig_of
 from ..handle import Handle
 from . import limits
-from .images import IMAGE_SUFFIXES, Grey, as_grey, check_size, is_image, read_greys, said_once
+from .images import IMAGE_SUFFIXES, Grey, as_grey, check_size, is_image, logged_once, read_greys
 from .inputs import read_csv
 from .recording_writer import PARTIAL, check_cameras
 
@@ -108,7 +108,7 @@ def frames_of(
         names = footage.names[first:] if wanted is None else [footage.names[k] for k in wanted]
         return read_greys([footage.path / name for name in names], size, said)
     frames = _video_frames(footage.path, size, first, wanted)
-    return said_once(((footage.path, frame) for frame in frames), said)
+    return logged_once(((footage.path, frame) for frame in frames), said)
 
 
 def _video_frames(

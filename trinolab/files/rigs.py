@@ -101,13 +101,13 @@ def read_covariance(path: str | Path, rig: Rig) -> RigCovariance:
         }
         for key, value in expected.items():
             if (value_in_file := get(table, key, str(path))) != value:
-                raise ValueError(f"{key}: expected {_said(value)}, got {_said(value_in_file)}")
+                raise ValueError(f"{key}: expected {_text(value)}, got {_text(value_in_file)}")
         matrix = get(table, "matrix", str(path))
         freedom = as_number(table["freedom"], "freedom") if "freedom" in table else np.inf
         return RigCovariance(rig.names, matrix, freedom)
 
 
-def _said(value: Any) -> str:
+def _text(value: Any) -> str:
     return ", ".join(map(str, value)) if isinstance(value, list) else repr(value)
 
 

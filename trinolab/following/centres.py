@@ -22,7 +22,7 @@ from ..camera import Rig
 from ..checks import Array
 from ..estimators.centroids import centre_pixels
 from ..estimators.pixels import FLOOR_PX
-from ..files.kept import KeptLines
+from ..files.journal import Journal
 from ..files.recording import Recording, some_instants
 from ..handle import Handle
 
@@ -127,7 +127,7 @@ def measured_centres(
     Centres
         `Centres.instant` counts along `frames`.
     """
-    with KeptLines(
+    with Journal(
         kept_in, f"{made_from}\n", lambda number, line: _is_row(frames, number, line)
     ) as lines:
         done = len(lines.lines())

@@ -90,19 +90,19 @@ class Guess(NamedTuple):
     blurred: bool = False
 
 
-class Sight(NamedTuple):
+class Observation(NamedTuple):
     """The markers that one camera shows where they are expected.
 
     Attributes
     ----------
     window : Window or None
         In which the markers lie; None if the handle is expected outside the image.
-    found : ndarray, shape (markers, 6)
+    markers : ndarray, shape (markers, 6)
         As `markers.markers_at` gives it, in pixels of the whole image.
     """
 
     window: Window | None
-    found: Array
+    markers: Array
 
 
 class RigState(NamedTuple):
@@ -130,18 +130,18 @@ class Followed(NamedTuple):
         ``measured``; `LOST` if too little fits.
     labels : tuple of ndarray of int, one per camera, shape (markers,)
         The marker's index where it was found and agrees, else -1.
-    sights : tuple of Sight
+    observations : tuple of Observation
         What the cameras show there.
     rig : RigState
         As this instant leaves it.
     smear_px : float
-        How long the markers are smeared by the handle's motion; NaN where it was not asked.
+        How long the markers are smeared by the handle's motion; NaN where it was not estimated.
     """
 
     guess: Guess
     pose: Pose
     labels: tuple[np.ndarray, ...]
-    sights: tuple[Sight, ...]
+    observations: tuple[Observation, ...]
     rig: RigState
     smear_px: float
 
@@ -181,7 +181,7 @@ def may_be_blurred(expected: Sequence[Expected], p: FollowParameters) -> bool:
 
 def look(
     images: Sequence[np.ndarray], expected: Sequence[Expected], setup: Setup
-) -> tuple[Sight, ...]:
+) -> tuple[Observation, ...]:
     """Measure the markers where they are expected; half a marker's diameter off is near enough.
 
     A marker reaches further where it moves: by half of its way in the exposure.
@@ -192,15 +192,17 @@ def look(
     )
 
 
-def _look(image: np.ndarray, camera: Camera, setup: Setup, uv: Array, reach_px: float) -> Sight:
+def _look(
+    image: np.ndarray, camera: Camera, setup: Setup, uv: Array, reach_px: float
+) -> Observation:
     around = Window.around(np.clip(uv, -1e6, 1e6))
     window = around and around.grown(2 * reach_px).clipped(camera.size)
     if window is None:
-        return Sight(None, np.full((len(uv), 6), np.nan))
+        return Observation(None, np.full((len(uv), 6), np.nan))
     corner = np.array([window.u, window.v, 0, 0, 0, 0])
     _, handle, p = setup
     markers = markers_at(window.crop(image), uv - corner[:2], reach_px, handle.markers, p.markers)
-    return Sight(window, markers + corner)
+    return Observation(window, markers + corner)
 
 
 def follow(
@@ -220,19 +222,19 @@ def follow(
     `before` is the rig as the instants before have it. Of `work` fits take no more than is left.
     """
     work = work or Work()
-    work.left -= GUESS_UNITS
+    work.remaining -= GUESS_UNITS
     rig, handle, p = setup
     state = before or RigState(rig)
     near_setup = setup._replace(rig=state.near)
-    sights = look(images, guess.expected, near_setup)
-    pixels = tuple(sight.found[:, :2] for sight in sights)
+    observations = look(images, guess.expected, near_setup)
+    pixels = tuple(one.markers[:, :2] for one in observations)
     T, labels = _agreed(pixels, near_setup, guess.motion.pose)
-    followed = Followed(guess, LOST, labels, sights, state, np.nan)
-    markers_found = sum(np.isfinite(sight.found[:, 0]).sum() for sight in sights)
+    followed = Followed(guess, LOST, labels, observations, state, np.nan)
+    markers_found = sum(np.isfinite(one.markers[:, 0]).sum() for one in observations)
     if T is None and markers_found < p.min_found:
         return followed  # it is elsewhere
     instant = None
-    moves = guess.blurred or (_may_move(guess, p) and _stretched(guess.expected, sights, p))
+    moves = guess.blurred or (_may_move(guess, p) and _stretched(guess.expected, observations, p))
     if T is not None:
         uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
         # smeared centroids say nothing of the rig, and later instants know more of it than one
@@ -375,12 +377,14 @@ def _expected_blur(motion: Motion, p: FollowParameters) -> tuple[Array, Array]:
     )
 
 
-def _stretched(expected: Sequence[Expected], sights: Sequence[Sight], p: FollowParameters) -> bool:
+def _stretched(
+    expected: Sequence[Expected], observations: Sequence[Observation], p: FollowParameters
+) -> bool:
     """Whether in some camera most markers are longer than any disc of their size would be."""
     return any(
-        np.nanmedian(sight.found[:, 2]) > p.blurred_length * one.size_px
-        for one, sight in zip(expected, sights, strict=True)
-        if np.isfinite(sight.found[:, 2]).any()
+        np.nanmedian(seen.markers[:, 2]) > p.blurred_length * one.size_px
+        for one, seen in zip(expected, observations, strict=True)
+        if np.isfinite(seen.markers[:, 2]).any()
     )
 
 
@@ -406,10 +410,10 @@ def _judged(fit: Fit, found: Assessment, rig: Rig, p: FollowParameters) -> Pose:
         ]
     )
     pose = judged(fit._replace(shown=fit.shown & (share > p.min_shown_share)[cameras]), found)
-    return pose if _sure(pose, p) and pose.residual_px < p.max_fit_residual_px else LOST
+    return pose if _is_precise(pose, p) and pose.residual_px < p.max_fit_residual_px else LOST
 
 
-def _sure(pose: Pose, p: FollowParameters) -> bool:
+def _is_precise(pose: Pose, p: FollowParameters) -> bool:
     """Whether this instant fixes the pose; what rig and layout do to it is the same before and
     after.
     """
@@ -417,9 +421,9 @@ def _sure(pose: Pose, p: FollowParameters) -> bool:
     return bool(own.sigma_mm < p.max_sigma_mm and own.sigma_deg < p.max_sigma_deg)
 
 
-def found_markers(sight: Sight) -> Markers:
+def as_markers(observation: Observation) -> Markers:
     """The markers that a camera shows, one row per marker of the handle; NaN where there is none."""
-    table = sight.found
+    table = observation.markers
     return Markers(
         frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), ()
     )
@@ -472,9 +476,9 @@ def _estimated(instant: Identified, setup: Setup) -> Pose:
     rig, handle, p = setup
     if not p.check:
         pose = estimate(instant, rig, handle, p)
-        return pose if _sure(pose, p) else LOST
+        return pose if _is_precise(pose, p) else LOST
     pose = fit_pose(instant.uv, rig, handle, p.max_slant_deg, p.sigma_px, instant.T_world_handle)
-    if pose.T_world_handle is None or not _sure(pose, p):
+    if pose.T_world_handle is None or not _is_precise(pose, p):
         return LOST
     away = motion_between(pose.T_world_handle, instant.T_world_handle)
     return replace(pose, covariance_random=pose.covariance_random + np.outer(away, away))

@@ -101,8 +101,8 @@ def likely_cause(instants: Sequence[Images], rig: Rig, handle: Handle) -> str:
     if exchanged := _exchanged(instants, rig, handle):
         return f"{looked}, which fit if {exchanged} are exchanged: likely the cameras are"
     if rig.covariance is not None:
-        doubted = _measured(instants, replace(rig, covariance=None), handle)
-        if sum(one.pose.status != "lost" for one in doubted) > SHOWING * len(doubted):
+        by_usual_rig = _measured(instants, replace(rig, covariance=None), handle)
+        if sum(one.pose.status != "lost" for one in by_usual_rig) > SHOWING * len(by_usual_rig):
             return (
                 f"{looked}, which fit a rig that is less well known than its file says: likely a camera "
                 "was moved, or the handle moves and the cameras are not synchronised"

@@ -140,7 +140,7 @@ def choose(alternatives: list[RigidTransform], prior: RigidTransform | None) -> 
     Returns
     -------
     index : int
-    sure : bool
+    unambiguous : bool
     """
     reference = RigidTransform.identity() if prior is None else as_transform(prior, "prior")
     if len(alternatives) == 1:

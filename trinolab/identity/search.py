@@ -314,9 +314,9 @@ def _tried(
                 poses = _in_one(poses, camera, observed, p)
             tried = _refined(poses, observed, p)
             yield tried
-            if _settled(tried[1], p):
+            if _beyond_doubt(tried[1], p):
                 return
-            agreed |= camera is None and _settled(tried[1], p, in_spite=True)
+            agreed |= camera is None and _beyond_doubt(tried[1], p, in_spite=True)
     work.cursor = 0
 
 
@@ -378,7 +378,7 @@ def _refined(poses: Poses, observed: Observed, p: IdentityParameters) -> tuple[P
     return poses, explain(poses, observed, p.gate_px, p)
 
 
-def _settled(explained: Explained, p: IdentityParameters, in_spite: bool = False) -> bool:
+def _beyond_doubt(explained: Explained, p: IdentityParameters, in_spite: bool = False) -> bool:
     """Whether one of the poses is beyond doubt: it explains everything, or plenty and no camera
     speaks against it.
 

@@ -24,7 +24,7 @@ import numpy as np
 from trinolab.camera import Rig
 from trinolab.checks import Array, as_number, frozen
 from trinolab.files import recording_writer
-from trinolab.files.kept import locked
+from trinolab.files.journal import locked
 from trinolab.files.rigs import read_handle, read_rig
 from trinolab.handle import Handle
 

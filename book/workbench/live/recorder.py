@@ -16,7 +16,7 @@ from threading import Thread
 
 from trinolab.camera import Rig
 from trinolab.files import recording_writer
-from trinolab.files.kept import KeptLines
+from trinolab.files.journal import Journal
 from trinolab.handle import Handle
 
 from ..capture.capture import Writer, new_folder
@@ -120,7 +120,7 @@ class _Running:
     def _open_files(self) -> None:
         with ExitStack() as opened:
             self._times, self._switch = (
-                opened.enter_context(KeptLines(self.partial / name, head, lambda *_: True))
+                opened.enter_context(Journal(self.partial / name, head, lambda *_: True))
                 for name, head in ((TIMES, "frame,t_s\n"), (CLUTCH, "t_s,closed\n"))
             )
             self._files = opened.pop_all()

@@ -18,7 +18,7 @@ from trinolab.bench.rendering import (
 )
 from trinolab.bench.scene import scaled
 from trinolab.datasets import load_rig
-from trinolab.files.kept import locked
+from trinolab.files.journal import locked
 from trinolab.files.poses import read_poses
 from workbench import cli
 

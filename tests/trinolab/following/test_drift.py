@@ -22,7 +22,7 @@ from trinolab.following import track
 from trinolab.following.drift import Series, find_drift, image_offsets
 from trinolab.following.parameters import FollowParameters
 from trinolab.following.posetracker import Tracked
-from trinolab.following.track import Watched, track_folder
+from trinolab.following.track import DriftMonitor, track_folder
 from trinolab.handle import slants
 from trinolab.identity.parameters import IdentityParameters
 from trinolab.measurement import Measurement
@@ -164,7 +164,7 @@ def test_a_track_says_which_camera_and_when():
     poses = moving(rng)
     after = turned(rig, 1)
     uv = np.concatenate([seen(rig, poses[:WHEN], rng), seen(after, poses[WHEN:], rng)])
-    watched = Watched(rig, CODED, FollowParameters())
+    watched = DriftMonitor(rig, CODED, FollowParameters())
     for k, T in enumerate(poses):
         pose = Pose("measured", T, np.eye(6), 0.1, 6, 3)
         found = tuple(SimpleNamespace(uv=pixels) for pixels in uv[k])
@@ -182,7 +182,7 @@ def test_a_track_says_which_camera_and_when():
 
 def test_long_tracks_are_watched_at_fewer_instants(monkeypatch):
     monkeypatch.setattr(track, "MOST_INSTANTS", 10)
-    watched = Watched(load_rig("paper_pair"), CODED, FollowParameters())
+    watched = DriftMonitor(load_rig("paper_pair"), CODED, FollowParameters())
     nothing = (np.full(12, -1),) * 2
     found = (SimpleNamespace(uv=np.zeros((12, 2))),) * 2
     pose = Pose("measured", moving(np.random.default_rng(0))[0], np.eye(6), 0.1, 6, 2)

@@ -349,14 +349,14 @@ def test_a_fit_whose_work_is_spent_gives_its_pose_so_far():
     expected = (0.01 * velocity, np.diag(np.repeat([1.0, 0.01], 3) ** 2))
     whole = Work(1e3)
     ends = fit_patches(frames, RIG, CODED, start, motion_blur=expected, work=whole)
-    used = 1e3 - whole.left
+    used = 1e3 - whole.remaining
     cut = fit_patches(frames, RIG, CODED, start, motion_blur=expected, work=Work(0.6 * used))
     assert np.trace(cut.covariance) > np.trace(ends.covariance)
     away = motion_between(cut.T_world_handle, FIRST)
     assert away @ np.linalg.solve(cut.covariance, away) < 25.0  # chi-square of six, 99.97 %
     none = Work(1.0)
     assert fit_patches(frames, RIG, CODED, start, motion_blur=expected, work=none) is None
-    assert none.left == 1.0
+    assert none.remaining == 1.0
 
 
 @pytest.mark.parametrize(("share", "most"), [(1.0, 1), (0.8, 1), (0.5, 2), (0.1, 3)])
@@ -369,7 +369,7 @@ def test_an_instant_begins_no_guess_without_its_work(share, most, monkeypatch):
     guesses = []
 
     def in_vain(*arguments):
-        arguments[-1].left -= share * BEST.most_work
+        arguments[-1].remaining -= share * BEST.most_work
         guesses.append(look_module.follow(*arguments[:-1])._replace(pose=LOST))
         return guesses[-1]
 
@@ -429,7 +429,7 @@ def test_a_sequence_is_step_after_step_and_known_poses_count_until_it_is_sure(mo
     def step(state, images, t_s, *_):
         assert state.t_s < t_s
         begun.append(state.motion and state.motion.pose)
-        return posetracker.TrackState(t_s, None, None, sure=len(begun) == 3), images
+        return posetracker.TrackState(t_s, None, None, unambiguous=len(begun) == 3), images
 
     monkeypatch.setattr(posetracker, "step", step)
     first, second, late = (RigidTransform.from_translation([0.0, 0.0, z]) for z in (500, 510, 520))

@@ -33,7 +33,7 @@ from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig, displaced
 from trinolab.datasets import load_handle, load_rig
 from trinolab.files import recording_writer
-from trinolab.files.kept import locked
+from trinolab.files.journal import locked
 from trinolab.files.poses import truth_table
 from trinolab.files.rigs import read_handle, read_rig, write_handle
 from trinolab.following import centres

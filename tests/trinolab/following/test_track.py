@@ -129,7 +129,7 @@ def test_a_camera_that_is_late_is_said():
         )
         for t in np.arange(count) / FPS + late_s
     ]
-    seen = track.Seen([], [])
+    seen = track.IdentifiedMarkers([], [])
     for k in range(count):
         uv = [
             RIG.cameras[c].project(T.apply(PAPER.marker_centres))
@@ -140,7 +140,7 @@ def test_a_camera_that_is_late_is_said():
     (line,) = late_lines(seen.offsets(RIG), RIG)
     assert line.startswith("ccd2: 6.")
     assert "later than ccd1; the cameras are not synchronised" in line
-    together = track.Seen(
+    together = track.IdentifiedMarkers(
         seen.times_s,
         [
             np.stack([RIG.cameras[c].project(T.apply(PAPER.marker_centres)) for c in (0, 1)])
@@ -148,7 +148,7 @@ def test_a_camera_that_is_late_is_said():
         ],
     )
     assert late_lines(together.offsets(RIG), RIG) == []
-    assert track.Seen([], []).offsets(RIG) is None
+    assert track.IdentifiedMarkers([], []).offsets(RIG) is None
 
 
 def test_values_track_as_their_files_do(folder, tmp_path):

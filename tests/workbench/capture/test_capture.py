@@ -15,7 +15,7 @@ from processes import CLI, ended, started, wait_until
 from trinolab.camera import Rig
 from trinolab.datasets import data_path, load_rig
 from trinolab.files import outputs, recording_writer
-from trinolab.files.kept import locked
+from trinolab.files.journal import locked
 from trinolab.files.recording import instants, open_folder, read_timestamps
 from trinolab.files.rigs import write_rig
 from workbench import cli

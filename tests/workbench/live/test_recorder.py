@@ -16,7 +16,7 @@ from sentences import BUSY
 
 from trinolab.bench.rendering import render
 from trinolab.files import recording_writer as files
-from trinolab.files.kept import locked
+from trinolab.files.journal import locked
 from trinolab.files.recording import instants, open_folder
 from workbench.capture.capture import capture
 from workbench.capture.devices import Taken
@@ -90,7 +90,7 @@ def test_another_recording_of_the_same_second_is_left_alone(tmp_path, monkeypatc
 def full_after(count, monkeypatch, what):
     """Let the disk be full after so many images, or lines."""
     left = [count]
-    kind, name = (files, "write_image") if what == "image" else (live.KeptLines, "add_line")
+    kind, name = (files, "write_image") if what == "image" else (live.Journal, "add_line")
     write = getattr(kind, name)
 
     def until_full(*arguments):
