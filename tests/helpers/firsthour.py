@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from trinolab.bench.recordings import standard_recording
+from trinolab.bench.rendering import standard_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 SECONDS = 2.0  # as the text says

@@ -13,7 +13,7 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from trinolab.files.kept import KeptLines
+from trinolab.files.journal import Journal
 
 from ..intervals import Interval
 from ..sweep import sweep
@@ -61,7 +61,7 @@ def kept_draws(
     title : str
         Of the progress bar.
     """
-    with KeptLines(path, f"{json.dumps(about)}\n", _is_mapping) as lines:
+    with Journal(path, f"{json.dumps(about)}\n", _is_mapping) as lines:
         begin = len(lines.lines()[:count])
         for k in tqdm(range(begin, count), title, count, initial=begin, unit="draw", disable=None):
             lines.add_line(json.dumps(draw(k)))

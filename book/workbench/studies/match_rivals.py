@@ -20,7 +20,7 @@ import pandas as pd
 from scipy.optimize import linear_sum_assignment
 
 from trinolab import matching
-from trinolab.bench.recordings import scripted
+from trinolab.bench.rendering import scripted
 from trinolab.bench.scenario import take
 from trinolab.camera import Rig, RigCovariance
 from trinolab.checks import Array
@@ -251,7 +251,7 @@ def _totals(
 ) -> dict[str, dict[str, int]]:
     """The counts of each rule, summed over instants and pairs of cameras."""
     handle = load_handle(HANDLE)
-    p = Parameters(matching=settings)
+    p = Parameters(matching=settings, estimator="paper")
     names = (*RULES, FOUR, LAYOUT, LAYOUT_TOLD)
     found: dict[str, list[dict[str, int]]] = {name: [] for name in names}
     for shot in shots:

@@ -103,7 +103,7 @@ class World:
     """
 
     setup: factors.Setup
-    parameters: Parameters = field(default_factory=Parameters)
+    parameters: Parameters = field(default_factory=lambda: Parameters(estimator="paper"))
     T_handle_rod: RigidTransform = field(default_factory=RigidTransform.identity)
     told: bool = True
     as_printed: bool = False

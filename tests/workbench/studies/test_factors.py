@@ -14,7 +14,7 @@ from trinolab.parameters import Parameters
 from workbench.studies import factors, replication
 from workbench.studies.__main__ import main
 from workbench.studies.factors import DISTANCES_MM, ERRORS, FACTORS, at_distance, cell, table1_setup
-from workbench.studies.replication import replicate_table1
+from workbench.studies.replication import EVERY, replicate_table1
 
 CELLS = {"distortion": -0.05, "distance": 750.0, "marker_size": 2.0, "speed": 25.0, "turn": 100.0}
 FIELDS = ["E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg", "geodesic_mean_deg"]
@@ -168,7 +168,10 @@ def test_at_the_working_point_it_is_the_replication():
     rig, handle = load_rig("paper_pair"), load_handle("paper")
     setup = table1_setup(rig, handle)
     rng = np.random.default_rng(0)
-    found = [measurement.measure(factors.frames(setup, k, rng), rig, handle) for k in range(2)]
+    found = [
+        measurement.measure(factors.frames(setup, k, rng), rig, handle, parameters=EVERY["paper"])
+        for k in range(2)
+    ]
     errors = replication.replication_errors(found, load_table1().set_poses[:2], handle)
     assert errors == replicate_table1(rig, handle, seed=0, rows=slice(2))
 

@@ -120,7 +120,7 @@ def claim(partial: Path, manifest: Mapping[str, Any]) -> None:
 
 
 def read_manifest(path: Path) -> dict[str, Any]:
-    """What a recording was made from; nothing where the file says nothing that can be read."""
+    """The manifest of a recording: what it was made from; empty if the file cannot be read."""
     try:
         manifest = read_json(path)
     except ValueError:
@@ -129,12 +129,12 @@ def read_manifest(path: Path) -> dict[str, Any]:
 
 
 def image_paths(partial: Path, rig: Rig | Sequence[str], frame: int) -> list[Path]:
-    """Where the images of an instant are, one a camera."""
+    """Paths of the images of an instant, one per camera."""
     return [partial / "images" / name / f"{frame:06d}.png" for name in _names(rig)]
 
 
 def add(partial: Path, rig: Rig | Sequence[str], frame: int, images: Sequence[np.ndarray]) -> None:
-    """Write the images of an instant, uint8, one a camera. Raises ValueError if one cannot be
+    """Write the images of an instant, uint8, one per camera. Raises ValueError if one cannot be
     written.
     """
     for path, image in zip(image_paths(partial, rig, frame), images, strict=True):

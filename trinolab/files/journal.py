@@ -86,7 +86,7 @@ def sole_writer(target: str | Path, name: str | Path | None = None) -> Iterator[
             lock.unlink(missing_ok=True)  # while it is held: whoever waits for it looks again
 
 
-class KeptLines:
+class Journal:
     """A text file that grows by whole lines, for this process alone as long as it is open.
 
     Its beginning, the head, says what the lines belong to. Those of the same work interrupted are

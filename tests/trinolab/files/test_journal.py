@@ -9,16 +9,16 @@ from pathlib import Path
 import pytest
 from processes import ended, started, wait_until
 
-from trinolab.files import kept
-from trinolab.files.kept import KeptLines, locked, sole_writer
+from trinolab.files import journal
+from trinolab.files.journal import Journal, locked, sole_writer
 
-pytestmark = pytest.mark.skipif(kept.fcntl is None, reason="a system without locks of files")
+pytestmark = pytest.mark.skipif(journal.fcntl is None, reason="a system without locks of files")
 # Writes "a", leaves "b" unfinished, says so, and waits for its end.
 HOLDS = """
 import sys, time
 from pathlib import Path
-from trinolab.files.kept import KeptLines
-lines = KeptLines(Path("lines"), "head\\n", lambda number, line: True)
+from trinolab.files.journal import Journal
+lines = Journal(Path("lines"), "head\\n", lambda number, line: True)
 lines.add_line("a")
 with lines.path.open("ab") as unfinished:
     unfinished.write(b"b")
@@ -39,7 +39,7 @@ def path(tmp_path):
 
 
 def opened(path, head="head\n", is_line=lambda number, line: line == str(number)):
-    return KeptLines(path, head, is_line)
+    return Journal(path, head, is_line)
 
 
 def written(path, text):
@@ -107,15 +107,15 @@ def test_a_copy_of_the_process_does_not_hold_what_was_closed(path):
 
 def test_a_file_that_was_removed_before_it_is_locked_is_made_anew(path, monkeypatch):
     first = opened(path)
-    real = kept.fcntl.flock
+    real = journal.fcntl.flock
 
     def late(held, how):
         """The first one is done just before the second one locks."""
-        monkeypatch.setattr(kept.fcntl, "flock", real)
+        monkeypatch.setattr(journal.fcntl, "flock", real)
         first.remove()
         real(held, how)
 
-    monkeypatch.setattr(kept.fcntl, "flock", late)
+    monkeypatch.setattr(journal.fcntl, "flock", late)
     with opened(path) as second:
         second.add_line("0")
         assert path.read_text() == "head\n0\n"
@@ -201,7 +201,7 @@ def test_without_locks_the_lines_are_kept_all_the_same(path, monkeypatch):
         raise OSError(errno.ENOLCK, "No locks available")
 
     for name, value in (("fcntl.flock", none), ("fcntl", None)):
-        monkeypatch.setattr(f"trinolab.files.kept.{name}", value)
+        monkeypatch.setattr(f"trinolab.files.journal.{name}", value)
         with opened(path) as lines:
             lines.add_line("0")
         with opened(path) as lines:
@@ -235,7 +235,7 @@ def test_a_full_disk_is_named_and_leaves_no_file_without_lines(path):
 LOCKS = """
 import time
 from pathlib import Path
-from trinolab.files.kept import sole_writer
+from trinolab.files.journal import sole_writer
 with sole_writer("new"):
     Path("ready").touch()
     while True:

@@ -14,9 +14,9 @@ from healthy import run
 from processes import CLI, GATE, ended, open_gate, started, wait_until
 from scipy.spatial.transform import RigidTransform
 
-from trinolab.bench import recordings, scenario
+from trinolab.bench import rendering, scenario
 from trinolab.bench.hand import true_visibility
-from trinolab.bench.recordings import made_from, render, scripted, write_recording
+from trinolab.bench.rendering import made_from, render, scripted, write_recording
 from trinolab.bench.scenario import COVERED, seen_markers, take
 from trinolab.bench.scene import scaled
 from trinolab.datasets import load_handle, load_real_sets, load_rig, real_set
@@ -37,18 +37,18 @@ WAITS = (
     f"""
 import time
 from pathlib import Path
-from trinolab.bench import recordings
-real = recordings.take
+from trinolab.bench import rendering
+real = rendering.take
 def take(job, frame, camera):
     while frame >= 6 and not Path({GATE!r}).exists():
         time.sleep(0.01)
     return real(job, frame, camera)
-recordings.take = take
-real_shutdown = recordings.ProcessPoolExecutor.shutdown
+rendering.take = take
+real_shutdown = rendering.ProcessPoolExecutor.shutdown
 def shutdown(*pool, **options):
     Path({GATE!r}).touch()
     real_shutdown(*pool, **options)
-recordings.ProcessPoolExecutor.shutdown = shutdown
+rendering.ProcessPoolExecutor.shutdown = shutdown
 """
     + CLI
 )
@@ -124,7 +124,7 @@ def test_truth_counts_the_markers_that_each_camera_truly_sees(folder):
         counts[frame, COVERED[2]] *= frame != covered
         assert seen_markers(job, frame) == counts[frame].tolist()
     assert counts[hidden, 2] == 0 < counts[hidden].max()
-    truth = recordings.truth_of(job, counts)
+    truth = rendering.truth_of(job, counts)
     assert truth["markers"].tolist() == counts.max(axis=1).tolist()
     assert truth["cameras"].tolist() == (counts > 0).sum(axis=1).tolist()
     rendered("out", seconds=0.1)
@@ -187,7 +187,7 @@ def interrupt_after(monkeypatch, count):
             raise KeyboardInterrupt
         return scenario.take(*arguments)
 
-    monkeypatch.setattr(recordings, "take", counted)
+    monkeypatch.setattr(rendering, "take", counted)
     return calls
 
 
@@ -300,7 +300,7 @@ def test_the_manifest_knows_the_code(folder, monkeypatch):
     one = made_from(job, "calm")
     assert one == made_from(scripted("calm", SMALL, CODED, 0, 0.1), "calm")
     assert json.loads(json.dumps(one)) == one
-    monkeypatch.setattr(recordings, "DRAWN_WITH", ("camera.py",))
+    monkeypatch.setattr(rendering, "DRAWN_WITH", ("camera.py",))
     changed = made_from(job, "calm")
     assert [name for name in one if changed[name] != one[name]] == ["code"]
     brighter = job._replace(bench=replace(job.bench, body_grey=91.0))
@@ -354,7 +354,7 @@ def test_a_full_disk_costs_one_line(folder, monkeypatch, capfd):
             "out.partial/images/ccd1/000000.png: cannot be written (No space left on device)"
         )
 
-    monkeypatch.setattr(recordings, "add", full)
+    monkeypatch.setattr(rendering, "add", full)
     assert run(RENDER) == 2
     assert capfd.readouterr().err.count("\n") == 1
     assert not (folder / "out").exists()

@@ -15,8 +15,8 @@ from pathlib import Path
 from threading import Thread
 
 from trinolab.camera import Rig
-from trinolab.files import recorder
-from trinolab.files.kept import KeptLines
+from trinolab.files import recording_writer
+from trinolab.files.journal import Journal
 from trinolab.handle import Handle
 
 from ..capture.capture import Writer, new_folder
@@ -106,7 +106,7 @@ class _Running:
         self._first_s: float | None = None
         self._clutch: bool | None = None
         self._rig = rig
-        self.partial = recorder.partial_of(out)
+        self.partial = recording_writer.partial_of(out)
         with ExitStack() as held:
             held.enter_context(new_folder(out, self.partial, rig, handle))
             try:
@@ -120,7 +120,7 @@ class _Running:
     def _open_files(self) -> None:
         with ExitStack() as opened:
             self._times, self._switch = (
-                opened.enter_context(KeptLines(self.partial / name, head, lambda *_: True))
+                opened.enter_context(Journal(self.partial / name, head, lambda *_: True))
                 for name, head in ((TIMES, "frame,t_s\n"), (CLUTCH, "t_s,closed\n"))
             )
             self._files = opened.pop_all()
@@ -151,11 +151,11 @@ class _Running:
             return f"recording stopped: {error or 'nothing was taken'}"
         where = self.out
         try:
-            for path in recorder.image_paths(self.partial, self._rig, count):
+            for path in recording_writer.image_paths(self.partial, self._rig, count):
                 path.unlink(missing_ok=True)  # of an instant whose time could not be written
             for name in (TIMES, CLUTCH):
                 _drop_cut_off(self.partial / name)
-            recorder.give_name(self.out)
+            recording_writer.give_name(self.out)
         except (ValueError, OSError) as last:
             error = error or last
             where = self.partial

@@ -1,4 +1,4 @@
-"""One instant for whoever asks: names, files or values, one default, and what is refused."""
+"""One instant: names, files or values, one default estimator, and what is refused."""
 
 import numpy as np
 import pytest
@@ -11,7 +11,6 @@ from trinolab.datasets import data_path, load_handle, load_rig, load_table1, rig
 from trinolab.following.parameters import FollowParameters
 from trinolab.measurement import measure
 from trinolab.parameters import Parameters
-from trinolab.single import measure_instant
 
 RIG, CODED = load_rig("raised_40deg"), load_handle("coded")
 TRUTH = load_table1().set_poses[4]
@@ -29,7 +28,7 @@ def matrix(measurement):
 @pytest.mark.slow
 def test_names_files_and_values_are_the_same_rig_and_handle(frames):
     found = [
-        measure_instant(frames, *asked)
+        measure(frames, *asked)
         for asked in (
             ("raised_40deg", "coded"),
             (rig_file("raised_40deg"), str(data_path("handles", "coded.toml"))),
@@ -42,15 +41,14 @@ def test_names_files_and_values_are_the_same_rig_and_handle(frames):
 
 @pytest.mark.slow
 def test_the_best_estimator_is_the_default_and_the_paper_s_is_named(frames):
-    by_default = measure_instant(frames, RIG, CODED)
+    by_default = measure(frames, RIG, CODED)
     assert matrix(by_default) == matrix(
         measure(frames, RIG, CODED, parameters=Parameters(estimator="best"))
     )
     # what changes a threshold says nothing of the estimator
-    other = measure_instant(frames, RIG, CODED, parameters=Parameters(max_slant_deg=69.0))
+    other = measure(frames, RIG, CODED, parameters=Parameters(max_slant_deg=69.0))
     assert other.pose.sigma_mm < 0.01  # mm; the paper's says 0.05
-    paper = measure_instant(frames, RIG, CODED, parameters=Parameters(estimator="paper"))
-    assert matrix(paper) == matrix(measure(frames, RIG, CODED))
+    paper = measure(frames, RIG, CODED, parameters=Parameters(estimator="paper"))
     away = by_default.pose.T_world_handle.translation - TRUTH.translation
     assert np.linalg.norm(away) < 0.02  # mm
     assert by_default.pose.sigma_mm < 0.01 < 0.03 < paper.pose.sigma_mm  # mm
@@ -109,20 +107,14 @@ def test_a_check_is_of_the_papers_poses_alone():
 )
 def test_what_is_no_rig_and_no_handle_is_refused_in_one_line(rig, handle, said):
     with pytest.raises(ValueError, match=said) as refused:
-        measure_instant([], rig, handle)
+        measure([], rig, handle)
     assert "\n" not in str(refused.value)
 
 
 def test_the_chain_wants_values_and_says_where_they_come_from(frames):
     with pytest.raises(
-        ValueError, match=r"rig: expected a Rig, as trinolab.load_rig gives, got 'r"
+        ValueError, match=r"rig: expected a Rig, as trinolab.load_rig gives, got 'p"
     ):
-        measure(frames, "raised_40deg", CODED)
-    with pytest.raises(
-        ValueError, match=r"handle: expected a Handle, as trinolab.load_handle give"
-    ):
-        measure(frames, RIG, "coded")
-    with pytest.raises(ValueError, match="rig: expected a Rig"):
         trinolab.triangulate("paper_pair", np.zeros((2, 1, 2)))
     with pytest.raises(ValueError, match="rig: expected a Rig"):
         trinolab.tracker.start(frames, "raised_40deg", 0.0)
@@ -131,7 +123,7 @@ def test_the_chain_wants_values_and_says_where_they_come_from(frames):
 def test_images_of_0_to_1_are_refused_and_dark_ones_are_not(frames):
     said = "frames: expected grey levels from 0 to 255, got floats from 0 to 0.886275; .*by 255"
     with pytest.raises(ValueError, match=said):
-        measure_instant([frame / 255.0 for frame in frames], RIG, CODED)
+        measure([frame / 255.0 for frame in frames], RIG, CODED)
     black = [np.zeros(frame.shape) for frame in frames]
     assert measure(black, RIG, CODED).pose.status == "lost"
     # grey levels, most of them none: one camera alone is dark
@@ -142,8 +134,8 @@ def test_images_of_0_to_1_are_refused_and_dark_ones_are_not(frames):
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: measure_instant(None, RIG, CODED), "frames: expected an image a camera, got None"),
-        (lambda: measure_instant("abc", RIG, CODED), "frames: expected an image a camera, got str"),
+        (lambda: measure(None, RIG, CODED), "frames: expected an image per camera, got None"),
+        (lambda: measure("abc", RIG, CODED), "frames: expected an image per camera, got str"),
         (lambda: trinolab.Rig("paper_pair"), "cameras: expected two or more, got 'paper_pair'"),
         (lambda: trinolab.Rig(3), "cameras: expected two or more, got 3"),
         (lambda: trinolab.Rig([1, 2]), "cameras: expected values of Camera, got 1"),
@@ -167,4 +159,4 @@ def test_a_number_that_is_missing_is_refused(frames):
     spoiled = [frame.astype(float) for frame in frames]
     spoiled[1][3, 4] = np.nan
     with pytest.raises(ValueError, match="frames: ccd2: expected finite grey values"):
-        measure_instant(spoiled, RIG, CODED)
+        measure(spoiled, RIG, CODED)

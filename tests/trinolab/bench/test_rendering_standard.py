@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from processes import HANGS_S
 
-from trinolab.bench import recordings
-from trinolab.bench.recordings import (
+from trinolab.bench import rendering
+from trinolab.bench.rendering import (
+    cached_recordings,
     clear_recordings,
-    kept_recordings,
     recordings_folder,
     standard_recording,
 )
 from trinolab.bench.scene import scaled
 from trinolab.datasets import load_rig
-from trinolab.files.kept import locked
+from trinolab.files.journal import locked
 from trinolab.files.poses import read_poses
 from workbench import cli
 
@@ -26,9 +26,9 @@ from workbench import cli
 @pytest.fixture(autouse=True)
 def cache(tmp_path, monkeypatch):
     """A cache of its own, and rigs of an eighth of the pixels."""
-    monkeypatch.setattr(recordings, "cache_folder", lambda: tmp_path / "cache")
+    monkeypatch.setattr(rendering, "cache_folder", lambda: tmp_path / "cache")
     monkeypatch.setattr(
-        recordings,
+        rendering,
         "load_rig",
         lambda name: replace(
             load_rig(name), cameras=tuple(scaled(c, 0.125) for c in load_rig(name).cameras)
@@ -45,12 +45,12 @@ def test_it_is_rendered_once(cache, monkeypatch):
     first = standard_recording("hard", seconds=0.1, progress=False)
     assert first.parent == cache / "recordings" == recordings_folder()
     assert len(read_poses(first / "truth.csv")) == 3
-    monkeypatch.setattr(recordings, "write_recording", None)  # would be called
+    monkeypatch.setattr(rendering, "write_recording", None)  # would be called
     assert standard_recording("hard", seconds=0.1) == first
 
 
 def test_whatever_it_is_made_from_changes_the_folder(monkeypatch):
-    monkeypatch.setattr(recordings, "write_recording", lambda job, folder, *_: folder.mkdir())
+    monkeypatch.setattr(rendering, "write_recording", lambda job, folder, *_: folder.mkdir())
     asked = [
         {},
         {"seed": 1},
@@ -60,7 +60,7 @@ def test_whatever_it_is_made_from_changes_the_folder(monkeypatch):
     ]
     folders = [standard_recording("calm", **{"seconds": 0.1} | options) for options in asked]
     folders.append(standard_recording("hard", seconds=0.1))
-    monkeypatch.setattr(recordings, "DRAWN_WITH", ("camera.py",))
+    monkeypatch.setattr(rendering, "DRAWN_WITH", ("camera.py",))
     folders.append(standard_recording("calm", seconds=0.1))
     assert len(set(folders)) == 7
 
@@ -100,12 +100,12 @@ def test_calm_begins_with_the_empty_scene():
 
 def test_two_at_once_render_it_once(cache):
     code = (
-        "import sys, pathlib; from trinolab.bench import recordings; "
-        "recordings.cache_folder = lambda: pathlib.Path(sys.argv[1]); load = recordings.load_rig; "
+        "import sys, pathlib; from trinolab.bench import rendering; "
+        "rendering.cache_folder = lambda: pathlib.Path(sys.argv[1]); load = rendering.load_rig; "
         "from dataclasses import replace; from trinolab.bench.scene import scaled; "
         "small = lambda rig: replace(rig, cameras=tuple(scaled(c, 0.125) for c in rig.cameras)); "
-        "recordings.load_rig = lambda name: small(load(name)); "
-        "print(recordings.standard_recording('hard', seconds=0.1, progress=False))"
+        "rendering.load_rig = lambda name: small(load(name)); "
+        "print(rendering.standard_recording('hard', seconds=0.1, progress=False))"
     )
     both = [
         subprocess.Popen(
@@ -182,7 +182,7 @@ def test_what_is_being_rendered_stays(cache, capfd):
     )
     assert not other.exists()
     assert folder.with_name(f"{folder.name}.partial").is_dir()
-    assert [one.name for one in kept_recordings()] == [folder.name]
+    assert [one.name for one in cached_recordings()] == [folder.name]
 
 
 def test_a_removal_that_is_interrupted_leaves_no_recording_in_part(cache, monkeypatch):
@@ -193,11 +193,11 @@ def test_a_removal_that_is_interrupted_leaves_no_recording_in_part(cache, monkey
             raise KeyboardInterrupt
 
     with monkeypatch.context() as patched:
-        patched.setattr(recordings.shutil, "rmtree", interrupted)
+        patched.setattr(rendering.shutil, "rmtree", interrupted)
         with pytest.raises(KeyboardInterrupt):
             clear_recordings()
     assert not folder.exists()
-    assert [one.name for one in kept_recordings()] == [folder.name]
+    assert [one.name for one in cached_recordings()] == [folder.name]
     standard_recording("calm", seconds=0.1)  # rendered anew beside what is left
     clear_recordings()
     assert not recordings_folder().exists()

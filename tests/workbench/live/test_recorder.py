@@ -14,14 +14,14 @@ from livepage import HANDLE, HELD, RIG
 from processes import ended, started, wait_until
 from sentences import BUSY
 
-from trinolab.bench.recordings import render
-from trinolab.files import recorder as files
-from trinolab.files.kept import locked
+from trinolab.bench.rendering import render
+from trinolab.files import recording_writer as files
+from trinolab.files.journal import locked
 from trinolab.files.recording import instants, open_folder
 from workbench.capture.capture import capture
 from workbench.capture.devices import Taken
-from workbench.live import recording
-from workbench.live.recording import Recorder
+from workbench.live import recorder as live
+from workbench.live.recorder import Recorder
 from workbench.teleop.teleoperate import recorded
 
 TIMES = [5.0, 5.03, 5.07, 5.1]
@@ -73,12 +73,12 @@ def test_a_folder_that_cannot_be_written_is_said(tmp_path):
 
 
 def test_another_recording_of_the_same_second_is_left_alone(tmp_path, monkeypatch):
-    class Noon(recording.datetime):
+    class Noon(live.datetime):
         @classmethod
         def now(cls):
             return cls(2026, 1, 1, 12)
 
-    monkeypatch.setattr(recording, "datetime", Noon)
+    monkeypatch.setattr(live, "datetime", Noon)
     first = recorded_by(tmp_path)
     second = Recorder(tmp_path, RIG, HANDLE)
     second.start()
@@ -90,7 +90,7 @@ def test_another_recording_of_the_same_second_is_left_alone(tmp_path, monkeypatc
 def full_after(count, monkeypatch, what):
     """Let the disk be full after so many images, or lines."""
     left = [count]
-    kind, name = (files, "write_image") if what == "image" else (recording.KeptLines, "add_line")
+    kind, name = (files, "write_image") if what == "image" else (live.Journal, "add_line")
     write = getattr(kind, name)
 
     def until_full(*arguments):
@@ -125,7 +125,7 @@ def test_a_full_disk_ends_it_with_words_and_what_is_there_is_whole(
     assert f"{folder}" in recorder.status
     found, _ = open_folder(folder)
     assert found.length == whole == len(list(instants(found)))
-    texts = [(folder / name).read_text() for name in (recording.TIMES, recording.CLUTCH)]
+    texts = [(folder / name).read_text() for name in (live.TIMES, live.CLUTCH)]
     assert len(texts[0].splitlines()) == 1 + whole  # a line that was cut off is no instant
     assert all(text.endswith("\n") for text in texts)
 
@@ -141,7 +141,7 @@ sys.path[:0] = {path!r}
 from pathlib import Path
 from livepage import HANDLE, HELD, RIG
 from workbench.capture.devices import Taken
-from workbench.live.recording import Recorder
+from workbench.live.recorder import Recorder
 recorder = Recorder(Path("."), RIG, HANDLE)
 recorder.start()
 k = 0

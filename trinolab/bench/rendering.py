@@ -1,5 +1,5 @@
-"""Recordings from the simulated bench: every frame of a scenario, with the truth, in a recording
-folder.
+"""Recordings rendered by the simulated bench: every frame of a scenario, with the truth, in a
+recording folder.
 
 The noise of a frame follows from the seed, the frame and the camera: an interrupted rendering goes
 on where it stopped. The two standard recordings are rendered when they are asked for, and kept in
@@ -32,10 +32,10 @@ from ..camera import Camera, Rig
 from ..checks import as_number, as_whole
 from ..datasets import handle_of, load_handle, load_rig, rig_of
 from ..files.fetch import cache_folder
-from ..files.kept import locked
+from ..files.journal import locked
 from ..files.outputs import write_whole
 from ..files.poses import pose_table, poses_by_frame, read_poses
-from ..files.recorder import (
+from ..files.recording_writer import (
     PARTIAL,
     add,
     begin,
@@ -106,16 +106,13 @@ def render(
         exists already, cannot be written, was begun with other arguments, or that another process
         works on.
     """
-    the_rig = rig_of(rig)
-    the_handle = handle_of(handle)
+    rig, handle = rig_of(rig), handle_of(handle)
     motion = str(motion)
     seed = as_whole(seed, "seed", 0, 2**63 - 1)
     if motion in SCRIPTS:
-        job = scripted(
-            motion, the_rig, the_handle, seed, SECONDS if seconds is None else seconds, fps
-        )
+        job = scripted(motion, rig, handle, seed, SECONDS if seconds is None else seconds, fps)
     else:
-        job = Job(the_rig, the_handle, *_followed(motion, the_rig, seconds, fps), seed)
+        job = Job(rig, handle, *_followed(motion, rig, seconds, fps), seed)
     return write_recording(job, out, made_from(job, motion), progress)
 
 
@@ -135,7 +132,9 @@ def scripted(
 
 
 def made_from(job: Job, motion: str) -> dict[str, Any]:
-    """All that decides what is in a recording, short: for the manifest, and for a cache's key."""
+    """Hashes of everything that decides the content of a recording: for the manifest, and for a
+    cache's key.
+    """
     parts = {
         "rig": [_camera_numbers(camera) for camera in job.rig.cameras],
         "handle": asdict(job.handle),
@@ -353,14 +352,14 @@ def standard_recording(
         seconds,
     )
     manifest = made_from(job, name)
-    return kept_folder(
+    return cached_folder(
         f"{name}-{rig_name}-{handle_name}-{seed}",
         manifest,
         lambda folder: write_recording(job, folder, manifest, progress),
     )
 
 
-def kept_folder(name: str, manifest: dict[str, Any], make: Callable[[Path], object]) -> Path:
+def cached_folder(name: str, manifest: dict[str, Any], make: Callable[[Path], object]) -> Path:
     """A folder of the user's cache, made if it is not there yet.
 
     Parameters
@@ -392,13 +391,11 @@ def kept_folder(name: str, manifest: dict[str, Any], make: Callable[[Path], obje
 
 
 def recordings_folder() -> Path:
-    """Where standard recordings are kept: a folder of the user's cache, which may be removed at any
-    time.
-    """
+    """The folder of the user's cache that holds standard recordings; it may be removed at any time."""
     return cache_folder() / "recordings"
 
 
-class Kept(NamedTuple):
+class CachedRecording(NamedTuple):
     """A standard recording in the user's cache, whole or not: its name, its size, bytes, and when it
     was last written, s since 1970.
     """
@@ -408,24 +405,26 @@ class Kept(NamedTuple):
     written_s: float
 
 
-def kept_recordings() -> list[Kept]:
+def cached_recordings() -> list[CachedRecording]:
     """The standard recordings that are kept, the last written one first."""
     recordings = []
     for name, paths in _paths_by_name().items():
         about = [one for root in paths for path in [root, *root.rglob("*")] for one in _stat(path)]
         size = sum(one.st_size for one in about if S_ISREG(one.st_mode))
-        recordings.append(Kept(name, size, max((one.st_mtime for one in about), default=0.0)))
-    return sorted(recordings, key=lambda kept: -kept.written_s)
+        recordings.append(
+            CachedRecording(name, size, max((one.st_mtime for one in about), default=0.0))
+        )
+    return sorted(recordings, key=lambda one: -one.written_s)
 
 
-def clear_recordings(chosen: Sequence[Kept] | None = None) -> list[Kept]:
+def clear_recordings(chosen: Sequence[CachedRecording] | None = None) -> list[CachedRecording]:
     """Remove standard recordings, all by default; return those that are gone.
 
     One that a process renders at this moment stays. One whose removal is interrupted is not taken
     for a whole one.
     """
     gone = []
-    for recording in kept_recordings() if chosen is None else chosen:
+    for recording in cached_recordings() if chosen is None else chosen:
         with suppress(ValueError), locked(recordings_folder() / f"{recording.name}{LOCK}"):
             for path in _paths_by_name().get(recording.name, []):
                 _remove(path)
@@ -436,7 +435,7 @@ def clear_recordings(chosen: Sequence[Kept] | None = None) -> list[Kept]:
 
 
 def _stat(path: Path) -> list[os.stat_result]:
-    """What the system says of a file; nothing if it is gone, as those are that somebody renders."""
+    """The status of a file; empty if it is gone, as files are that another process renders."""
     try:
         return [path.stat()]
     except FileNotFoundError:
@@ -456,7 +455,7 @@ def _remove(path: Path) -> None:
 
 
 def _paths_by_name() -> dict[str, list[Path]]:
-    """What belongs to each standard recording: the folder, the unfinished one, the lock."""
+    """The paths of each standard recording: the folder, the unfinished one, the lock."""
     paths: dict[str, list[Path]] = {}
     for path in sorted(recordings_folder().glob("*")):
         name = path.stem if path.suffix in (PARTIAL, LOCK, REMOVED) else path.name
