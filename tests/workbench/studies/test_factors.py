@@ -1,6 +1,4 @@
-"""The four factors: what each changes and what it leaves, and the shipped tables against cells
-computed anew.
-"""
+"""The four factors: what each changes and what it leaves."""
 
 import numpy as np
 import pandas as pd
@@ -12,16 +10,8 @@ from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from trinolab.parameters import Parameters
 from workbench.studies import factors, replication
-from workbench.studies.__main__ import main
 from workbench.studies.factors import DISTANCES_MM, ERRORS, FACTORS, at_distance, cell, table1_setup
 from workbench.studies.replication import replicate_table1
-
-CELLS = {"distortion": -0.05, "distance": 750.0, "marker_size": 2.0, "speed": 25.0, "turn": 100.0}
-FIELDS = ["E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg", "geodesic_mean_deg"]
-# Tables have six digits. Between instruction sets their numbers differ by at most 1.3e-11 of
-# themselves (make verify ARGS="--only spread --groups tables").
-DIGITS = 1e-5
-each_factor = pytest.mark.parametrize("name", FACTORS)
 
 
 @pytest.fixture(scope="module")
@@ -142,17 +132,6 @@ def test_a_cell_refuses(arguments, named, setup):
 # --- the shipped tables
 
 
-@each_factor
-def test_shipped_table_is_whole(name):
-    table, factor = load_sweep(name), FACTORS[name]
-    assert list(table.columns) == [factor.column, "seed", "method", "poses", "n", *ERRORS]
-    for _, rows in table.groupby(["seed", "method"]):
-        assert list(rows[factor.column]) == list(factor.values)
-    assert factor.paper in factor.values
-    assert (table["n"] <= table["poses"]).all()
-    assert "paper" in set(table["method"])
-
-
 @pytest.mark.parametrize("name", [name for name in FACTORS if name != "distance"])
 def test_shipped_tables_agree_at_the_paper_s_working_point(name):
     home = load_sweep("speed").query("speed_mm_s == 0 and seed == 0")
@@ -171,76 +150,3 @@ def test_at_the_working_point_it_is_the_replication():
     found = [measurement.measure(factors.frames(setup, k, rng), rig, handle) for k in range(2)]
     errors = replication.replication_errors(found, load_table1().set_poses[:2], handle)
     assert errors == replicate_table1(rig, handle, seed=0, rows=slice(2))
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("name", FACTORS)
-def test_shipped_cell_is_computed_again(name):
-    """One cell of each table, all its poses rendered and measured: `make sweeps` makes them anew
-    after a change.
-    """
-    value, table = CELLS[name], load_sweep(name)
-    stored = table[
-        (table[FACTORS[name].column] == value) & (table["seed"] == 0) & (table["method"] == "paper")
-    ]
-    (row,) = cell(name, value, 0, load_rig("paper_pair"), load_handle("paper"))
-    assert [row["poses"], row["n"]] == stored[["poses", "n"]].iloc[0].tolist()
-    np.testing.assert_allclose(
-        [row[f] for f in FIELDS], stored[FIELDS].iloc[0].astype(float), rtol=DIGITS
-    )
-
-
-# --- the command
-
-
-def test_the_command_writes_whole_tables_and_only_those_asked_for(tmp_path, monkeypatch):
-    def cheap(name, value, seed, *_):
-        if (name, value) == ("turn", 400.0):
-            raise KeyboardInterrupt
-        return [{FACTORS[name].column: value, "seed": seed}]
-
-    monkeypatch.setattr(factors, "cell", cheap)
-    (tmp_path / "turn.csv").write_text("before")
-    assert (
-        main(["factors", "--out", str(tmp_path), "--factor", "speed", "turn", "--seeds", "2"])
-        == 130
-    )
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["speed.csv", "turn.csv"]
-    assert (tmp_path / "turn.csv").read_text() == "before"
-    written = pd.read_csv(tmp_path / "speed.csv")
-    assert written["seed"].tolist() == [0, 1] * len(FACTORS["speed"].values)
-
-
-@pytest.mark.parametrize(
-    ("folder", "factor", "seeds", "said"),
-    [
-        ("none", "speed", 1, "no such folder"),
-        (".", "colour", 1, "factor: expected one of"),
-        (".", "speed", 0, "--seeds: expected a number of 1 or more, got 0"),
-    ],
-)
-def test_the_command_refuses_in_a_line_before_it_computes(
-    tmp_path, monkeypatch, capsys, folder, factor, seeds, said
-):
-    monkeypatch.setattr(factors, "cell", None)
-    line = ["factors", "--out", str(tmp_path / folder), "--factor", factor, "--seeds", str(seeds)]
-    assert main(line) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert said in line
-
-
-@pytest.mark.parametrize(
-    ("study", "option"),
-    [
-        ("budget", "--draws"),
-        ("calibration_error", "--workers"),
-        ("gallery", "--workers"),
-        ("sensitivity", "--draws"),
-        ("stress", "--instants"),
-    ],
-)
-def test_a_study_of_less_than_one_is_refused(tmp_path, capsys, study, option):
-    assert main([study, "--out", str(tmp_path), option, "-2"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.endswith(f"{option}: expected a number of 1 or more, got -2")
-    assert not list(tmp_path.iterdir())

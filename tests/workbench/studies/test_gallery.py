@@ -1,7 +1,4 @@
-"""The gallery's tables: whole, what their commands say, and what is computed anew; its command.
-
-`make verify ARGS="--only spread"` computes a run of each table anew, here it is a run of each kind.
-"""
+"""The gallery's tables: whole, and what their commands say."""
 
 import shlex
 from pathlib import Path
@@ -16,8 +13,7 @@ from trinolab.datasets import load_sweep
 from trinolab.window import Window
 from workbench.cli.arguments import parser
 from workbench.studies import gallery
-from workbench.studies.__main__ import main
-from workbench.studies.gallery import GALLERY, Exhibit, command, load, settings
+from workbench.studies.gallery import GALLERY, command, load, settings
 from workbench.sweep.grid import parse, runs
 from workbench.sweep.notebook import read_parameters
 
@@ -43,24 +39,6 @@ def test_table_is_whole(name):
     assert results.notna().any().all()
     if GALLERY[name].results:
         assert tuple(results.columns) == GALLERY[name].results
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.heavy)
-        for name in ("marker_size", "background", "elevation")
-    ],
-)
-def test_one_run_is_computed_again(name):
-    """The run in the middle: `make sweeps` makes the tables anew after a change."""
-    table, expected = load(name), settings(name)
-    k = len(expected) // 2
-    found = GALLERY[name].what(**expected[k])
-    results = table.columns.difference(table.attrs["parameters"])
-    np.testing.assert_allclose(
-        [found[result] for result in results], table.loc[k, results].astype(float), rtol=DIGITS
-    )
 
 
 @pytest.mark.parametrize("name", CHAPTERS)
@@ -110,82 +88,6 @@ def test_tables_agree_where_two_sweeps_meet():
 def test_an_unknown_name_is_refused(function):
     with pytest.raises(ValueError, match="name: expected one of update_rate"):
         function("colour")
-
-
-# --- the command
-
-
-def squares(a, b=1.0):
-    return {"square": a * a, "product": a * b}
-
-
-@pytest.fixture
-def small(monkeypatch, tmp_path):
-    monkeypatch.setattr(
-        gallery,
-        "GALLERY",
-        {
-            "one": Exhibit(squares, ("a=1,2,3",)),
-            "two": Exhibit(squares, ("a=0.5:1.5:3", "b=2.0,4.0"), ("product",)),
-        },
-    )
-    (tmp_path / "tables").mkdir()
-    folders = ["--out", str(tmp_path / "tables"), "--kept", str(tmp_path / "kept")]
-    return tmp_path / "tables", ["gallery", *folders, "--workers", "1"]
-
-
-def test_the_command_writes_the_tables(small):
-    folder, arguments = small
-    assert main(arguments) == 0
-    assert (folder / "one.csv").read_text() == "a,square,product\n1,1,1\n2,4,2\n3,9,3\n"
-    assert (folder / "two.csv").read_text().splitlines()[:3] == [
-        "a,b,product",
-        "0.5,2,1",
-        "0.5,4,2",
-    ]
-    assert not list((folder.parent / "kept").iterdir())
-
-
-def test_the_command_goes_on_where_it_was_stopped(small, monkeypatch, capsys):
-    folder, arguments = small
-    done = []
-
-    def stopping(a, b=1.0):
-        if len(done) == 2:
-            raise KeyboardInterrupt
-        done.append(a)
-        return squares(a, b)
-
-    monkeypatch.setitem(gallery.GALLERY, "one", Exhibit(stopping, ("a=1,2,3",)))
-    assert main([*arguments, "one", "two"]) == 130
-    assert "2 of 3 runs are kept" in capsys.readouterr().err
-    assert not list(folder.iterdir())
-    done.append("one more")
-    assert main([*arguments, "one"]) == 0
-    assert done == [1, 2, "one more", 3]
-    assert (folder / "one.csv").read_text() == "a,square,product\n1,1,1\n2,4,2\n3,9,3\n"
-
-
-def test_a_sweep_with_a_failed_run_writes_nothing(small, monkeypatch, capsys):
-    folder, arguments = small
-    monkeypatch.setitem(gallery.GALLERY, "two", Exhibit(lambda a: 1 / (a - 2), ("a=1,2,3",)))
-    assert main(arguments) == 2
-    assert "two: 1 of 3 runs failed; the first: ZeroDivisionError" in capsys.readouterr().err
-    assert not list(folder.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("more", "named"),
-    [
-        (["three"], "expected one of one, two, got 'three'"),
-        (["--out", "/nowhere"], "no such folder"),
-        (["--workers", "0"], "workers"),
-    ],
-)
-def test_the_command_refuses_in_a_line(small, more, named, capsys):
-    assert main([*small[1], *more]) == 2
-    *_, line = capsys.readouterr().err.splitlines()
-    assert named in line
 
 
 # --- what a sweep reads, once

@@ -28,10 +28,9 @@ from trinolab.identity import labelled_pixels
 from trinolab.kalman import covariance_root
 from trinolab.pose import rigid_fit
 from trinolab.rigid import nearest_rotation
-
-from . import error_sources as sources
-from .accounts import clamped_anew, misaligned
-from .deviations import (
+from workbench.studies import error_sources as sources
+from workbench.studies.accounts import clamped_anew, misaligned
+from workbench.studies.deviations import (
     MEANS,
     Errors,
     Source,
@@ -43,8 +42,8 @@ from .deviations import (
     rms,
     together,
 )
-from .error_sources import Trial, make_trial
-from .pattern import (
+from workbench.studies.error_sources import Trial, make_trial
+from workbench.studies.pattern import (
     STATISTICS,
     filled_up,
     largest_size,
@@ -54,8 +53,8 @@ from .pattern import (
     statistics,
     without_field,
 )
-from .replication import replicate
-from .simulated_calibration import simulated_calibration
+from workbench.studies.replication import replicate
+from workbench.studies.simulated_calibration import simulated_calibration
 
 MIX_TABLES = 100  # that are drawn of each source
 _FACTORS = (1e-3, 1e3)  # limits of a size, of what the source is taken for

@@ -1,11 +1,5 @@
-"""CCD3's elevation swept from 10 to 90 deg: what the cameras share, how accurate they are, what a
-hidden one costs.
-
-    python -m workbench.studies elevation
-
-makes ``elevation.csv`` again. CCD1 and CCD2 stay where Sect. 6.2 calibrated them; CCD3 is that of
-`datasets.paper_rig`. A cell is drawn from its own generators, so that it can be computed alone, and
-every estimator measures the same frames.
+"""CCD3's elevation from 10 to 90 deg: what the cameras share, how accurate they are, what a hidden one
+costs. CCD1 and CCD2 stay where Sect. 6.2 calibrated them; every estimator measures the same frames.
 """
 
 from __future__ import annotations
@@ -15,9 +9,7 @@ from functools import cache
 from itertools import islice
 
 import numpy as np
-import pandas as pd
 from scipy.spatial.transform import RigidTransform
-from tqdm import tqdm
 
 from trinolab.bench.hand import Arm, true_visibility
 from trinolab.bench.motion import random_pose
@@ -30,9 +22,9 @@ from trinolab.measurement import Measurement
 from trinolab.methods import ESTIMATORS
 from trinolab.metrics import PoseErrors
 from trinolab.parameters import Parameters
-
-from .claim_trials import share_close
-from .replication import measure_frames, replication_errors, shared_poses
+from workbench.studies.carrier import Row, Table
+from workbench.studies.claim_trials import share_close
+from workbench.studies.replication import measure_frames, replication_errors, shared_poses
 
 ELEVATIONS_DEG = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0, 90.0)
 SETTINGS: Mapping[str, Parameters] = {name: Parameters(estimator=name) for name in ESTIMATORS}
@@ -42,34 +34,26 @@ HIDDEN_POSES = 15  # the first of them at which CCD1 and CCD2 share four markers
 SEED = 40  # of the random poses
 
 
-def cell(elevation_deg: float, settings: Mapping[str, Parameters] = SETTINGS) -> pd.DataFrame:
-    """One elevation, a row an estimator.
-
-    Columns: `elevation_deg`, `estimator`; `shared_12`, `shared_13`, `shared_23` of
-    `shared_markers`, on random poses; `n`, `E_t_mm`, `geodesic_mean_deg` of `accuracy`;
-    `kept_ccd1`, `kept_ccd2`, `kept_ccd3` of `kept`.
-    """
+def cell(elevation_deg: float, settings: Mapping[str, Parameters] = SETTINGS) -> list[Row]:
+    """A row an estimator at one elevation."""
     rig = paper_rig(elevation_deg)
     shared = shared_markers(rig, load_handle(HANDLE), random_poses())
     errors = accuracy(rig, settings)
     shares = [kept(rig, hidden, settings) for hidden in range(len(rig.cameras))]
-    return pd.DataFrame(
-        [
-            {
-                "elevation_deg": float(elevation_deg),
-                "estimator": name,
-                **shared,
-                "n": e.n,
-                "E_t_mm": e.E_t_mm,
-                "geodesic_mean_deg": e.geodesic_mean_deg,
-                **{
-                    f"kept_{camera}": share[name]
-                    for camera, share in zip(rig.names, shares, strict=True)
-                },
-            }
-            for name, e in errors.items()
-        ]
-    )
+    return [
+        {
+            "estimator": name,
+            **shared,
+            "n": e.n,
+            "E_t_mm": e.E_t_mm,
+            "geodesic_mean_deg": e.geodesic_mean_deg,
+            **{
+                f"kept_{camera}": share[name]
+                for camera, share in zip(rig.names, shares, strict=True)
+            },
+        }
+        for name, e in errors.items()
+    ]
 
 
 def accuracy(rig: Rig, settings: Mapping[str, Parameters] = SETTINGS) -> dict[str, PoseErrors]:
@@ -108,16 +92,6 @@ def shared_markers(rig: Rig, handle: Handle, poses: Sequence[RigidTransform]) ->
     }
 
 
-def sweep_elevation(
-    elevations_deg: Sequence[float] = ELEVATIONS_DEG,
-) -> pd.DataFrame:
-    """The table of all elevations; see `cell`."""
-    return pd.concat(
-        [cell(e) for e in tqdm(elevations_deg, unit="elevation", disable=None)],
-        ignore_index=True,
-    )
-
-
 @cache
 def random_poses() -> list[RigidTransform]:
     rng = np.random.default_rng(SEED)
@@ -141,10 +115,8 @@ def measured(
     rig: Rig, which: str, hidden: int | None, settings: Mapping[str, Parameters]
 ) -> dict[str, list[Measurement]]:
     """Measurements of the poses by every estimator, a hand hiding one camera's view."""
-    progress_bar = tqdm(range(len(poses_of(which))), unit="instant", leave=False, disable=None)
-    return measure_frames(
-        (frames(rig, which, k, hidden) for k in progress_bar), rig, load_handle(HANDLE), settings
-    )
+    taken = (frames(rig, which, k, hidden) for k in range(len(poses_of(which))))
+    return measure_frames(taken, rig, load_handle(HANDLE), settings)
 
 
 def frames(rig: Rig, which: str, k: int, hidden: int | None) -> list[np.ndarray]:
@@ -170,3 +142,14 @@ def frame(rig: Rig, c: int, which: str, k: int, hidden: int | None) -> np.ndarra
         np.random.default_rng([k, c]),
         arm,
     )
+
+
+TABLES = [
+    Table(
+        "elevation",
+        cell,
+        [{"elevation_deg": ELEVATIONS_DEG}],
+        by=("elevation_deg", "estimator"),
+        again={"elevation_deg": 50.0},
+    )
+]

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from budget import mix, mixes
 
 from trinolab.datasets import load_handle, load_rig, load_table1
-from workbench.studies.budget import mix, mixes
 from workbench.studies.deviations import Source, drawn, first_order, means, together
 from workbench.studies.error_sources import (
     askew,

@@ -1,0 +1,44 @@
+"""A pointing task under delay: how fast and how accurate two models of an operator are, by scale and
+delay. Nine targets (40, 80, 160 mm away, 5, 10, 20 mm wide, at the tool), ten times each, by twenty
+operators, which are twenty seeds.
+"""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from workbench.intervals import of_share, of_student
+from workbench.studies.carrier import Row, Table, columns_of_mean
+from workbench.studies.fitts import DELAYS_S, REPEATS, SCALES, SEEDS, one_operator
+from workbench.teleop.operators import STRATEGIES
+from workbench.teleop.pointing import DISTANCES_MM, WIDTHS_MM
+
+
+def operator(strategy: str, scale: float, delay_s: float, draw: int) -> Row:
+    """One operator's results."""
+    return one_operator(strategy, scale, delay_s, seed=draw)
+
+
+def over_operators(runs: pd.DataFrame) -> Row:
+    """Means over the operators with Student's interval, and the share of errors with Wilson's, over
+    all trials.
+    """
+    trials = len(runs) * REPEATS * len(DISTANCES_MM) * len(WIDTHS_MM)
+    row: dict[str, float] = {"seeds": len(runs), "trials": trials}
+    for name in ("throughput_bit_s", "movement_s", "moves"):
+        row |= columns_of_mean(name, runs[name], of_student(runs[name]))
+    interval = of_share(round(runs["error_share"].mean() * trials), trials)
+    return row | columns_of_mean("error_share", runs["error_share"], interval)
+
+
+TABLES = [
+    Table(
+        "fitts",
+        operator,
+        [{"strategy": STRATEGIES, "scale": SCALES, "delay_s": DELAYS_S}],
+        by=("strategy", "scale", "delay_s"),
+        draws=SEEDS,
+        summary=over_operators,
+        again={"scale": 2.0, "delay_s": 0.15},
+    )
+]
