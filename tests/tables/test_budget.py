@@ -14,7 +14,6 @@ from budget import (
     Parts,
     exact_tables,
     line,
-    parts,
     rendered,
     smooth_table,
 )
@@ -285,89 +284,11 @@ def cheap(trial):
     )
 
 
-def test_parts_are_those_of_the_budget_in_its_order():
-    few = make_trial(load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses[9:10])
-    found = parts(few, Images(few.uv + 0.1, 0.03, []), 1e-6 * np.eye(14))
-    names = [source.name for kind in found for source in kind]
-    assert [source.name for source in found.certain] == CERTAIN
-    assert found.digits.name == "printed digits"
-    assert names[: len(KNOWN)] == KNOWN
-    assert len(set(names)) == len(names) == len(KNOWN) + 8
-    assert found.images[0].size == 0.03
-    assert found.images[1].size == pytest.approx(0.1 * np.sqrt(2))
-
-
-@pytest.fixture(scope="module")
-def small_budget(trial, cheap):
-    """The budget where all that was rendered is the truth, and all at once is Table 1."""
-    printed = load_table1().measured
-    images = Images(trial.uv, 0.02, [trial.truths])
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "TABLES", 10)
-        table = module.budget(
-            trial, images, cheap, {"certain": [printed], "as printed": [printed, printed]}
-        )
-    return table.set_index(["registration", "source"])
-
-
-def test_a_sum_is_of_the_sources_that_it_names(small_budget):
-    for registration in REGISTRATIONS:
-        rows = small_budget.loc[registration]
-        for name, some in (
-            ("images", ["noise", "bias"]),
-            ("certain", ["noise", "bias", "calibration", "platform", "printed digits"]),
-        ):
-            total = rows.loc[f"{name}: root of sum of squares"]
-            expected = np.sqrt((rows.loc[some, RMS].astype(float) ** 2).sum())
-            np.testing.assert_allclose(total[RMS].astype(float), expected, rtol=1e-9)
-            assert total["size"] == len(some)
-            assert total[list(MEANS)].isna().all()
-
-
-def test_what_was_rendered_and_what_was_printed_are_held_against_the_truth(small_budget):
-    for registration in REGISTRATIONS:
-        rows = small_budget.loc[registration, [*MEANS, *RMS, "n"]].astype(float)
-        truth = rows.loc["images: rendered and measured"]
-        np.testing.assert_allclose(truth.drop("n"), 0.0, atol=1e-5)  # deg
-        once, twice = (rows.loc[f"{what}: not linearised"] for what in ("certain", "as printed"))
-        np.testing.assert_allclose(once, rows.loc["Table 1"], rtol=1e-9)
-        np.testing.assert_allclose(twice.drop("n"), once.drop("n"), rtol=1e-9)
-        assert (truth["n"], once["n"], twice["n"]) == (1, 1, 2)
-
-
-def test_a_registration_by_all_poses_leaves_least_of_the_positions(small_budget):
-    found = [small_budget.loc[(name, "Table 1"), "rms_E_t_mm"] for name in REGISTRATIONS]
-    assert found[2] < min(found[:2])
-
-
 @pytest.fixture
 def one_crossed(trial, cheap, monkeypatch):
     """The twelve crossed mixes are one."""
     mixed = Mix((cheap.cameras[0], cheap.reference[2]), np.ones(4), 1.0)
     monkeypatch.setattr(module, "crossed_mixes", lambda *_: [mixed])
-
-
-def test_every_model_but_the_two_accounts_has_the_digits(trial, cheap, one_crossed):
-    found = module.models(trial, cheap, cheap.images)
-    assert [model.name for model, _ in found] == [
-        "certain",
-        "certain, as printed",
-        "certain, one f, filled up",
-        "lens + zeros",
-        "misaligned on both sides",
-        "clamped anew + images",
-        "clamped anew + images, 2 mm markers",
-        "clamped anew",
-    ]
-    fitted = [list(some) for _, some in found]
-    assert fitted[:-1] == [[]] * 7
-    assert fitted[-1] == [name for name in STATISTICS if name.startswith("offset")]
-    digits = cheap.digits.roots.shape[2]
-    certain = sum(source.roots.shape[2] for source in cheap.certain)
-    assert found[0][0].roots.shape[2] == certain
-    assert found[3][0].roots.shape[2] - digits == (
-        cheap.cameras[0].roots.shape[2] + cheap.reference[2].roots.shape[2]
-    )
 
 
 def test_what_is_filled_up_scatters_as_table_1_does(trial, cheap, one_crossed):
@@ -382,17 +303,3 @@ def test_what_is_filled_up_scatters_as_table_1_does(trial, cheap, one_crossed):
     errors = exact([printed.measured], trial.truths).position_mm[0]
     expected = np.sqrt((without_field(errors, field) ** 2).sum() / 20)
     assert rms == pytest.approx(np.hypot(expected, 0.01 / np.sqrt(2)), rel=0.03)
-
-
-def test_the_patterns_are_those_of_the_models(trial, cheap, one_crossed, monkeypatch):
-    monkeypatch.setattr(module, "PATTERN_TABLES", 39)
-    table = module.patterns_table(trial, cheap, cheap.images)
-    models = module.models(trial, cheap, cheap.images)
-    assert list(dict.fromkeys(table["model"])) == [model.name for model, _ in models]
-    fitted = table[table["fitted"]]
-    assert set(fitted["model"]) == {"clamped anew"}
-    assert set(fitted["statistic"]) == set(models[-1][1])
-    assert (table["n"] == 39).all()
-    shipped = load_sweep("patterns").set_index("statistic")["observed"]
-    for statistic, observed in table.groupby("statistic")["observed"]:
-        np.testing.assert_allclose(observed, shipped[statistic].iloc[0], rtol=1e-4, atol=5e-4)

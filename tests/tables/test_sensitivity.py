@@ -1,7 +1,6 @@
 """The study of what each assumption is worth: its changes, its comparison, its shipped table."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
@@ -195,31 +194,3 @@ def test_a_number_of_a_pose_is_the_mean_of_the_draws_that_have_it():
     nan = float("nan")
     drawn = [{"E_t": value} for value in (1.0, 2.0, nan, 3.0, nan, nan)]  # two draws of three poses
     np.testing.assert_array_equal(sensitivity.by_pose(drawn, "E_t", 3), [2.0, 2.0, np.nan])
-
-
-def test_the_boards_are_compared_on_the_same_draws(monkeypatch):
-    """A calibration's cost is its board's square and bend, and the draw: only the first two are a
-    difference.
-    """
-    costs = []
-
-    def calibrated(rig, board, positions, rng, bend_mm):
-        costs.append(board.square_mm + 100 * bend_mm + rng.random())
-        return SimpleNamespace(rig=costs[-1])
-
-    monkeypatch.setattr(sensitivity, "CALIBRATIONS", 3)
-    monkeypatch.setattr(sensitivity, "simulated_calibration", calibrated)
-    monkeypatch.setattr(
-        sensitivity, "calibration_errors", lambda rig, *_: SimpleNamespace(E_t_mm=rig)
-    )
-    rows = [dict(zip(COLUMNS, row, strict=True)) for row in sensitivity.of_calibration()]
-    assert [row["instead"] for row in rows] == [
-        "squares of 10 mm",
-        "a board that is bent by 0.02 mm",
-        "a board that is bent by 0.05 mm",
-    ]
-    for found, step in zip(rows, (-5.0, 2.0, 5.0), strict=True):
-        assert (found["assumption"], found["n"], found["draws"]) == ("A25", 3, 3)
-        numbers = [found[name] for name in ("difference", "low", "high")]
-        assert numbers == pytest.approx([step] * 3)
-        assert found["as_assumed"] == pytest.approx(np.mean(costs[:3]))

@@ -35,8 +35,8 @@ class Study:
         Options that are whole numbers: default, and what they count.
     names : tuple of str
         An option that takes some of the study's parts: its name on the command line, its metavar.
-    kept : str
-        The folder in which finished work is kept.
+    kept : str, optional
+        The folder below ``_build`` in which finished work is kept; empty for the study's own name.
     workers : bool
         Whether processes share the work.
     out : str
@@ -51,7 +51,7 @@ class Study:
     tables: tuple[str, ...] = ()
     counts: Mapping[str, tuple[int, str]] = field(default_factory=dict)
     names: tuple[str, str] | None = None
-    kept: str = ""
+    kept: str | None = ""
     workers: bool = True
     out: str = "data/sweeps"
     make: str = ""
@@ -61,12 +61,12 @@ STUDIES = {
     "bound": Study(
         "the Cramer-Rao bound at Table 1's poses, for every shipped rig: bound.csv",
         ("bound",),
-        kept="_build/bound",
     ),
     "budget": Study(
         "the error budget of Table 1: budget.csv, mixes.csv, patterns.csv, smooth.csv",
         ("budget", "mixes", "patterns", "smooth"),
         counts={"draws": (5, "tables of rendered frames")},
+        kept=None,
         workers=False,
         make="make_tables",
     ),
@@ -74,7 +74,6 @@ STUDIES = {
         "the trials of the protocol: claims_results.csv, claims_draws.csv",
         ("claims_results", "claims_draws"),
         names=("names", "TRIAL"),
-        kept="_build/claims",
         workers=False,
         out="data",
         make="make_tables",
@@ -83,56 +82,50 @@ STUDIES = {
         "rig files that are off, before the frames of two renderers: drawn_rigs.csv",
         ("drawn_rigs",),
         counts={"draws": (4, "rig files of each size and pose")},
-        kept="_build/second",
+        kept="second",
         make="make_table",
     ),
     "elevation": Study(
         "CCD3's elevation from 10 to 90 deg: elevation.csv",
         ("elevation",),
-        kept="_build/elevation",
     ),
     "calibration_error": Study(
         "what a rig file that is off costs a pose: calibration_error.csv",
         ("calibration_error",),
         counts={"draws": (40, "rigs drawn a level")},
-        kept="_build/calibration_error",
     ),
     "factors": Study(
         "the four factors of Sect. 6.5, a table each",
         ("distortion", "distance", "marker_size", "speed", "turn"),
         counts={"seeds": (1, "draws of the noise")},
         names=("--factor", "FACTOR"),
-        kept="_build/factors",
     ),
     "fitts": Study(
         "a pointing task by simulated operators, by scale and delay: fitts.csv",
         ("fitts",),
-        kept="_build/fitts",
     ),
     "gallery": Study(
         "the sweep gallery, a table each",
         names=("names", "SWEEP"),
-        kept="_build/sweeps",
+        kept="sweeps",
         out="data/sweeps/gallery",
     ),
     "match_rivals": Study(
         "rules that pair spots, with calibrations that are right and off: match_rivals.csv",
         ("match_rivals",),
         counts={"draws": (12, "pairs of recordings")},
-        kept="_build/match_rivals",
     ),
     "instant_times": Study(
         "what an instant of a track takes, by SimpleBlobDetector's time: instant_times.csv, "
         "instant_films.csv",
         ("instant_times", "instant_films"),
         counts={"instants": (10_000, "of all films together")},
-        kept="_build/instant_times",
         make="make_tables",
     ),
     "second_renderer": Study(
         "the estimators on path-traced frames: second_renderer.csv",
         ("second_renderer",),
-        kept="_build/second",
+        kept="second",
         workers=False,
         make="make_table",
     ),
@@ -140,7 +133,6 @@ STUDIES = {
         "the headline numbers with other assumptions: sensitivity.csv",
         ("sensitivity",),
         counts={"draws": (2, "of the noise, a pose")},
-        kept="_build/sensitivity",
         out="data",
         make="make_table",
     ),
@@ -149,16 +141,15 @@ STUDIES = {
         "stress.csv, stress_silent.csv",
         ("stress", "stress_silent"),
         counts={"instants": (100, "of each fault and handle")},
-        kept="_build/stress",
         make="make_tables",
     ),
     "webcams": Study(
         "three webcams and a printed rod, by its size: webcams.csv",
         ("webcams",),
-        kept="_build/webcams",
     ),
     "tuning": Study(
         "the most likely parameters of the filters of image and pose; prints them",
+        kept=None,
         workers=False,
         out="",
         make="print_most_likely",
@@ -209,11 +200,10 @@ def _parser() -> argparse.ArgumentParser:
             command.add_argument(
                 option, nargs=many, metavar=metavar, default=[], help=about, **known
             )
-        if study.kept:
+        if study.kept is not None:
             about = "for finished work; a command that was stopped goes on with it (%(default)s)"
-            command.add_argument(
-                "--kept", type=Path, default=study.kept, metavar="FOLDER", help=about
-            )
+            kept = f"_build/{study.kept or name}"
+            command.add_argument("--kept", type=Path, default=kept, metavar="FOLDER", help=about)
         if study.workers:
             cores = os.cpu_count() or 1
             about = "processes (one a core)"

@@ -127,12 +127,12 @@ class _Rows:
         return {COUNT: len(rows), **flat}
 
 
-def _rows_of(run: Mapping[str, Any]) -> list[Row]:
+def _rows_of(run: dict[str, Any]) -> list[dict[str, Any]]:
     """The rows of one run of a sweep's table, each with the run's setting."""
     if COUNT not in run:
         return [run]
     setting = {name: value for name, value in run.items() if ":" not in name}
-    rows: list[dict[str, Any]] = [dict(setting) for _ in range(int(run[COUNT]))]
+    rows = [dict(setting) for _ in range(int(run[COUNT]))]
     for name in run:
         number, _, column = name.partition(":")
         if number.isdecimal() and int(number) < len(rows):
