@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -19,7 +18,7 @@ from scipy.spatial.transform import RigidTransform
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
 from trinolab.camera import Camera, Rig
-from trinolab.checks import Array, as_number
+from trinolab.checks import Array
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.handle import Handle
 from trinolab.measurement import Measurement
@@ -35,7 +34,7 @@ from workbench.studies.calibration_error import (
     TURN_DEG,
     pattern,
 )
-from workbench.studies.carrier import Row, Table, columns_of_mean
+from workbench.studies.carrier import Row, Table, means
 from workbench.studies.replication import WRONG_DEG, WRONG_MM, estimates_and_truths, measure_frames
 
 LEVELS = (0.1, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0)  # and 0, the exact rig
@@ -66,18 +65,14 @@ def drawn_rig(rig: Rig, changed: str, level: float, draw: int) -> Rig:
         Which of the directions that an error may have. Cameras that two rigs have in common are off
         by the same.
     """
-    if changed not in (DIRECTIONS, PLACES):
-        raise ValueError(f"changed: expected {DIRECTIONS} or {PLACES}, got {changed!r}")
-    s = as_number(level, "level", low=0.0)
-    if s == 0:
+    if level == 0:
         return rig
     rng = np.random.default_rng([SEED, draw])
     if changed == DIRECTIONS:
-        return miscalibrated(rig, s * CENTRE_PX, s * TURN_DEG, rng)
+        return miscalibrated(rig, level * CENTRE_PX, level * TURN_DEG, rng)
     first, *others = rig.cameras
-    return Rig(
-        (first, *(_moved(camera, s * PLACE_MM * rng.standard_normal(3)) for camera in others))
-    )
+    sigma = level * PLACE_MM
+    return Rig((first, *(_moved(camera, sigma * rng.standard_normal(3)) for camera in others)))
 
 
 def _moved(camera: Camera, shift_mm: Array) -> Camera:
@@ -95,17 +90,17 @@ def one_draw(changed: str, level: float, rig: str, handle: str, draw: int) -> li
     that was measured, and `off`, the share that was measured and is more than 2 mm or 5 deg off. The
     first five are NaN if fewer than ten were measured.
     """
-    scene = rendered(rig, handle)
-    believed = drawn_rig(scene.rig, changed, level, draw)
+    believed = drawn_rig(load_rig(rig), changed, level, draw)
     turned = changed == DIRECTIONS
     sizes = {
         "centre_px": CENTRE_PX * level if turned else 0.0,
         "turn_deg": TURN_DEG * level if turned else 0.0,
         "place_mm": 0.0 if turned else PLACE_MM * level,
     }
-    by_estimator = measure_frames(scene.frames, believed, scene.handle, SETTINGS)
+    rod = load_handle(handle)
+    by_estimator = measure_frames(rendered(rig, handle), believed, rod, SETTINGS)
     return [
-        {**sizes, "estimator": estimator, **results(measurements, scene.handle)}
+        {**sizes, "estimator": estimator, **results(measurements, rod)}
         for estimator, measurements in by_estimator.items()
     ]
 
@@ -135,31 +130,21 @@ def _errors(found: RigidTransform, truths: RigidTransform) -> dict[str, float]:
     }
 
 
-class _Shown(NamedTuple):
-    """Who looks at what: the true rig, the handle, and the frames of Table 1's poses."""
-
-    rig: Rig
-    handle: Handle
-    frames: list[list[np.ndarray]]
-
-
 @lru_cache(maxsize=1)
-def rendered(rig: str, handle: str) -> _Shown:
-    """What is rendered; that of one rig and handle is kept, 80 MB."""
+def rendered(rig: str, handle: str) -> list[list[np.ndarray]]:
+    """The frames of Table 1's poses; those of one rig and handle are kept, 80 MB."""
     rng = np.random.default_rng(NOISE_SEED)
-    true, rod = load_rig(rig), load_handle(handle)
-    frames = [render_rig(true, rod, T, Bench(), rng) for T in load_table1().set_poses]
-    return _Shown(true, rod, frames)
+    poses = load_table1().set_poses
+    return [render_rig(load_rig(rig), load_handle(handle), T, Bench(), rng) for T in poses]
 
 
 def over_draws(runs: pd.DataFrame) -> Row:
     """Means over the draws that have a value, and how many of them measured ten poses or more."""
     held = int(runs["E_t_mm"].notna().sum())
-    row: dict[str, float] = {"n": len(runs), "seed": SEED, "n_held": held}
-    for name in RESULTS:
-        values = runs[name].dropna().to_numpy()
-        row |= columns_of_mean(name, values, of_mean(values, SEED, RESAMPLES))
-    return row
+    return {
+        **{"n": len(runs), "seed": SEED, "n_held": held},
+        **means(runs, RESULTS, lambda values: of_mean(values, SEED, RESAMPLES)),
+    }
 
 
 def grid(

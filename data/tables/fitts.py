@@ -8,7 +8,7 @@ from __future__ import annotations
 import pandas as pd
 
 from workbench.intervals import of_share, of_student
-from workbench.studies.carrier import Row, Table, columns_of_mean
+from workbench.studies.carrier import Row, Table, means
 from workbench.studies.fitts import DELAYS_S, REPEATS, SCALES, SEEDS, one_operator
 from workbench.teleop.operators import STRATEGIES
 from workbench.teleop.pointing import DISTANCES_MM, WIDTHS_MM
@@ -24,11 +24,12 @@ def over_operators(runs: pd.DataFrame) -> Row:
     all trials.
     """
     trials = len(runs) * REPEATS * len(DISTANCES_MM) * len(WIDTHS_MM)
-    row: dict[str, float] = {"seeds": len(runs), "trials": trials}
-    for name in ("throughput_bit_s", "movement_s", "moves"):
-        row |= columns_of_mean(name, runs[name], of_student(runs[name]))
-    interval = of_share(round(runs["error_share"].mean() * trials), trials)
-    return row | columns_of_mean("error_share", runs["error_share"], interval)
+    errors = round(runs["error_share"].mean() * trials)
+    return {
+        **{"seeds": len(runs), "trials": trials},
+        **means(runs, ("throughput_bit_s", "movement_s", "moves"), of_student),
+        **means(runs, ("error_share",), lambda _: of_share(errors, trials)),
+    }
 
 
 TABLES = [

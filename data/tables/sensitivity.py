@@ -187,10 +187,7 @@ def _other_axis(world: World) -> World:
 
 def _angles_in_turn(world: World) -> World:
     """Table 1's angles about X, Y, Z in that order."""
-    poses = world.setup.poses
-    angles = poses.rotation.as_euler("ZYX")
-    rotation = Rotation.from_euler("XYZ", angles[:, ::-1])
-    return _with(poses=RigidTransform.from_components(poses.translation, rotation))(world)
+    return _with(poses=_in_turn(world.setup.poses))(world)
 
 
 def _moving(speed_mm_s: float) -> Callable[[World], World]:
@@ -386,6 +383,13 @@ def by_pose(found: Sequence[dict[str, float]], name: str, poses: int) -> Array:
 # --- what needs no images
 
 
+def computed(
+    what: tuple[str, ...], before: float, after: float, n: int = 1, source: str = "computed"
+) -> tuple:
+    """A row without a draw, and so without an interval."""
+    return (*what, before, after, after - before, np.nan, np.nan, n, 0, "", source)
+
+
 def of_table1() -> list[tuple]:
     """What the printed table says if it is read in another way: Eq. 26, 27 without an image."""
     table = load_table1()
@@ -413,10 +417,8 @@ def of_table1() -> list[tuple]:
             ("geodesic_mean_deg", "angle printed", "deg", ""),
         ):
             before, after = getattr(base, name), getattr(errors, name)
-            rows.append(
-                (assumption, instead, number, unit, claim, before, after, after - before)
-                + (np.nan, np.nan, len(true), 0, "", "computed")
-            )
+            what = (assumption, instead, number, unit, claim)
+            rows.append(computed(what, before, after, len(true)))
     return rows
 
 
@@ -435,10 +437,7 @@ def of_workspace() -> list[tuple]:
     narrow = tuple(replace(cone, half_angle=side) for cone in cones)
     volumes = [1e-6 * intersect(cones_of).volume for cones_of in (cones, narrow)]
     instead = f"omega of {np.rad2deg(side):.1f} deg, to the side of the image"
-    return [
-        ("A8", instead, "workspace", "dm³", "10", *volumes, volumes[1] - volumes[0])
-        + (np.nan, np.nan, 1, 0, "", "computed")
-    ]
+    return [computed(("A8", instead, "workspace", "dm³", "10"), *volumes)]
 
 
 def of_calibration() -> list[tuple]:
@@ -474,17 +473,11 @@ def _costs(board: Board, bend_mm: float = 0.0) -> Array:
 def of_sweeps() -> list[tuple]:
     """What the shipped sweeps of the gallery say of the assumptions that no still image shows."""
     rows = []
+    false, window = "false_percent_cured", "window_percent_calm"
     for assumption, name, column, number, assumed, others in (
-        ("A23", "update_rate", "update_rate", "false_percent_cured", 0.008, (0.001, 0.064)),
-        (
-            "A23",
-            "difference_threshold",
-            "difference_threshold",
-            "false_percent_cured",
-            15,
-            (10, 20),
-        ),
-        ("A24", "process_noise", "jerk_intensity", "window_percent_calm", 1e8, (1e6, 1e10)),
+        ("A23", "update_rate", "update_rate", false, 0.008, (0.001, 0.064)),
+        ("A23", "difference_threshold", "difference_threshold", false, 15, (10, 20)),
+        ("A24", "process_noise", "jerk_intensity", window, 1e8, (1e6, 1e10)),
     ):
         table = load_sweep(f"gallery/{name}").groupby(column)[number].mean()
         at = {
@@ -492,9 +485,7 @@ def of_sweeps() -> list[tuple]:
             for value in (assumed, *others)
         }
         for value in others:
-            rows.append(
-                (assumption, f"{column} = {value:g}, not {assumed:g}", number, "%", "")
-                + (at[assumed], at[value], at[value] - at[assumed], np.nan, np.nan, 1, 0, "")
-                + (f"data/sweeps/gallery/{name}.csv",)
-            )
+            what = (assumption, f"{column} = {value:g}, not {assumed:g}", number, "%", "")
+            source = f"data/sweeps/gallery/{name}.csv"
+            rows.append(computed(what, at[assumed], at[value], source=source))
     return rows

@@ -82,11 +82,6 @@ def test_cameras_that_two_rigs_share_are_off_by_the_same():
     np.testing.assert_allclose(two, three[:2], atol=1e-9)
 
 
-def test_an_unknown_change_is_refused():
-    with pytest.raises(ValueError, match="changed: expected directions or places, got 'focal'"):
-        drawn_rig(PAIR, "focal", 1.0, 0)
-
-
 # --- the pattern of errors
 
 

@@ -56,7 +56,7 @@ def test_the_hand_hides_that_camera_only():
         seen = np.array(
             [
                 [true_visibility(camera, PAPER, T, arm).sum() for camera in rig.cameras]
-                for T in elevation.poses_of("random")
+                for T in elevation.hidden_poses()
             ]
         )
         assert seen[:, hidden].max() == 0

@@ -127,20 +127,6 @@ def test_the_shipped_table_says_what_the_chapter_says():
     assert layout.wrong.sum() == 0
 
 
-def test_a_draw_has_a_row_for_each_rule_and_the_same_pairs_are_due(monkeypatch):
-    """Of one instant, with a calibration that is right."""
-    monkeypatch.setattr(script, "FRAMES", {"calm": [38]})
-    monkeypatch.setattr(script, "LEVELS_PX", (0.0,))
-    monkeypatch.setattr(script, "GATES_PX", (2.0,))
-    rows = script.one_draw(0)
-    assert {row["rule"] for row in rows} >= {*match_rivals.RULES, script.LAYOUT}
-    assert {row["instants"] for row in rows} == {1}
-    assert len({row["due"] for row in rows}) == 1
-    by_rule = {row["rule"]: row for row in rows}
-    assert by_rule["line"]["due"] > 3
-    assert by_rule[script.LAYOUT]["wrong"] == 0
-
-
 @pytest.mark.heavy
 def test_the_shipped_table_is_made_again():
     """Its first draw."""

@@ -16,10 +16,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from trinolab.checks import Array
 from trinolab.files.outputs import check_targets, write_table
 from trinolab.files.shipped import data_path
 
-from ..intervals import Interval
+from ..intervals import Interval, of_mean
 from ..sweep import sweep
 from ..sweep.outcome import LAST_COLUMNS, OK
 
@@ -211,6 +212,17 @@ def all_runs(
             f"{what}: {len(failed)} of {len(runs)} runs failed; the first: {failed['error'].iloc[0]}"
         )
     return runs
+
+
+def means(
+    rows: pd.DataFrame, names: Sequence[str], interval: Callable[[Array], Interval] = of_mean
+) -> dict[str, float]:
+    """`columns_of_mean` of some columns, of the rows that have a value."""
+    found: dict[str, float] = {}
+    for name in names:
+        values = rows[name].dropna().to_numpy()
+        found |= columns_of_mean(name, values, interval(values))
+    return found
 
 
 def columns_of_mean(name: str, values: Sequence[float], interval: Interval) -> dict[str, float]:

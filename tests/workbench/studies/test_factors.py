@@ -96,25 +96,6 @@ def test_a_cell_says_what_it_is_and_what_it_could_not_measure(monkeypatch, setup
     assert all(np.isnan(r[field]) for r in rows for field in ERRORS)
 
 
-def test_every_method_measures_the_same_frames(monkeypatch, setup):
-    seen = []
-    monkeypatch.setattr(
-        replication,
-        "measure",
-        lambda frames, rig, handle, prior, parameters: seen.append(
-            (parameters.sigma_px, frames[0].sum())
-        ),
-    )
-    monkeypatch.setattr(factors, "errors_of", lambda *a: {})
-    monkeypatch.setattr(factors, "frames", lambda setup, k, rng: [rng.integers(0, 255, (2, 2))] * 2)
-    cell(
-        "turn", 0.0, 0, setup.rig, setup.handle, {"a": Parameters(), "b": Parameters(sigma_px=0.3)}
-    )
-    first, second = ([total for sigma, total in seen if sigma == s] for s in (0.1, 0.3))
-    assert first == second
-    assert len(set(first)) > 10
-
-
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [

@@ -2,17 +2,13 @@
 
 import shlex
 from pathlib import Path
-from types import SimpleNamespace
 
 import nbformat
-import numpy as np
 import pytest
 from executed import as_it_stands
 
 from trinolab.datasets import load_sweep
-from trinolab.window import Window
 from workbench.cli.arguments import parser
-from workbench.studies import gallery
 from workbench.studies.gallery import GALLERY, command, load, settings
 from workbench.sweep.grid import parse, runs
 from workbench.sweep.notebook import read_parameters
@@ -88,69 +84,3 @@ def test_tables_agree_where_two_sweeps_meet():
 def test_an_unknown_name_is_refused(function):
     with pytest.raises(ValueError, match="name: expected one of update_rate"):
         function("colour")
-
-
-# --- what a sweep reads, once
-
-
-@pytest.fixture
-def read(monkeypatch):
-    """What is read of which recording, in place of it."""
-    asked = []
-
-    def recording(name, **how):
-        asked.append((name, how))
-        empty = [f"{name} empty {k}" for k in (1, 2, 3)]
-        return SimpleNamespace(images_of=lambda k: f"{name} ccd{k + 1}", empty=empty)
-
-    caches = gallery.kept_recording, gallery.regions, gallery.hard_light
-    for cached in caches:
-        cached.cache_clear()
-    monkeypatch.setattr(gallery, "read_recording", recording)
-    yield asked
-    for cached in caches:
-        cached.cache_clear()
-
-
-def test_what_moves_is_asked_once_of_each_camera_with_its_own_empty_bench(read, monkeypatch):
-    monkeypatch.setattr(gallery.markertrack, "moving_regions", lambda *given: given)
-    first = gallery.regions("calm")
-    assert first == [(f"calm ccd{k}", f"calm empty {k}") for k in (1, 2, 3)]
-    assert gallery.regions("calm") is first
-    assert gallery.regions("hard") != first
-    assert read == [("calm", {}), ("hard", {})]
-
-
-def test_pixels_are_counted_in_a_fourth_of_ccd3_s_rows_and_columns(read, monkeypatch):
-    monkeypatch.setattr(gallery, "moving", lambda recording, camera, seam_px: (camera, seam_px))
-    assert gallery.hard_light() == ("hard ccd3", "hard empty 3", (2, 2))
-    assert read == [("hard", {"every": 4})]
-
-
-def test_an_image_is_lost_if_a_marker_is_outside_or_nothing_is_used(monkeypatch):
-    """Five images, of which the third shows no marker."""
-    seen = np.array([True, True, False, True, True])
-    window = Window(0, 0, 40, 20)
-    looks = [
-        SimpleNamespace(window=window if used is not None else None, used=bool(used))
-        for used in (True, True, True, False, None)
-    ]
-    instants = [SimpleNamespace(seen=np.array([[any_of_them]])) for any_of_them in seen]
-    camera = SimpleNamespace(size=(200, 100))
-    recording = SimpleNamespace(
-        rig=SimpleNamespace(cameras=[camera]),
-        instants=instants,
-        images_of=lambda k: [],
-        times_s=[],
-        handle=None,
-    )
-    monkeypatch.setattr(gallery, "kept_recording", lambda name: recording)
-    monkeypatch.setattr(gallery, "regions", lambda name: [None])
-    monkeypatch.setattr(gallery.markertrack, "follow", lambda *_: looks)
-    monkeypatch.setattr(gallery, "held", lambda *_: np.array([True, False, True, True, False]))
-    assert gallery.followed("calm", 0, None) == [
-        (0.04, False),
-        (0.04, True),
-        (0.04, True),
-        (0.0, True),
-    ]
