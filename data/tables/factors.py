@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from trinolab.datasets import load_handle, load_rig
 from workbench.studies.carrier import Row, Table
-from workbench.studies.factors import ERRORS, FACTORS, cell
+from workbench.studies.factors import ERRORS, FACTORS, errors_of, measured, table1_setup
+from workbench.studies.replication import PAPER
 
 # The values that a test makes again.
 AGAIN = {"distortion": -0.05, "distance": 750.0, "marker_size": 2.0, "speed": 25.0, "turn": 100.0}
@@ -12,7 +15,13 @@ AGAIN = {"distortion": -0.05, "distance": 750.0, "marker_size": 2.0, "speed": 25
 
 def rows(factor: str, value: float, draw: int) -> list[Row]:
     """One value of a factor under one draw of the noise, by CCD1 and CCD2 on the paper's handle."""
-    return list(cell(factor, value, draw, load_rig("paper_pair"), load_handle("paper")))
+    column, *_, change = FACTORS[factor]
+    setup = change(table1_setup(load_rig("paper_pair"), load_handle("paper")), value)
+    by_method = measured(setup, PAPER, np.random.default_rng(draw))
+    return [
+        {column: value, "seed": draw, "method": method, **errors_of(measurements, setup)}
+        for method, measurements in by_method.items()
+    ]
 
 
 TABLES = [

@@ -435,9 +435,9 @@ def of_workspace() -> list[tuple]:
     camera = load_rig("paper_trinocular").cameras[0]
     side = float(np.arctan(camera.size[0] / 2 / camera.focal[0]))
     narrow = tuple(replace(cone, half_angle=side) for cone in cones)
-    volumes = [1e-6 * intersect(cones_of).volume for cones_of in (cones, narrow)]
+    before, after = (1e-6 * intersect(cones_of).volume for cones_of in (cones, narrow))
     instead = f"omega of {np.rad2deg(side):.1f} deg, to the side of the image"
-    return [computed(("A8", instead, "workspace", "dm³", "10"), *volumes)]
+    return [computed(("A8", instead, "workspace", "dm³", "10"), before, after)]
 
 
 def of_calibration() -> list[tuple]:

@@ -29,8 +29,8 @@ class Study:
     ----------
     what : str
         What it makes, for who asks for help.
-    tables : tuple of str
-        The names of their files.
+    tables : tuple of str, optional
+        The names of their files, if it is not one of the study's name.
     counts : mapping of str to (int, str)
         Options that are whole numbers: default, and what they count.
     names : tuple of str
@@ -48,7 +48,7 @@ class Study:
     """
 
     what: str
-    tables: tuple[str, ...] = ()
+    tables: tuple[str, ...] | None = None
     counts: Mapping[str, tuple[int, str]] = field(default_factory=dict)
     names: tuple[str, str] | None = None
     kept: str | None = ""
@@ -58,10 +58,7 @@ class Study:
 
 
 STUDIES = {
-    "bound": Study(
-        "the Cramer-Rao bound at Table 1's poses, for every shipped rig: bound.csv",
-        ("bound",),
-    ),
+    "bound": Study("the Cramer-Rao bound at Table 1's poses, for every shipped rig: bound.csv"),
     "budget": Study(
         "the error budget of Table 1: budget.csv, mixes.csv, patterns.csv, smooth.csv",
         ("budget", "mixes", "patterns", "smooth"),
@@ -80,18 +77,13 @@ STUDIES = {
     ),
     "drawn_rigs": Study(
         "rig files that are off, before the frames of two renderers: drawn_rigs.csv",
-        ("drawn_rigs",),
         counts={"draws": (4, "rig files of each size and pose")},
         kept="second",
         make="make_table",
     ),
-    "elevation": Study(
-        "CCD3's elevation from 10 to 90 deg: elevation.csv",
-        ("elevation",),
-    ),
+    "elevation": Study("CCD3's elevation from 10 to 90 deg: elevation.csv"),
     "calibration_error": Study(
         "what a rig file that is off costs a pose: calibration_error.csv",
-        ("calibration_error",),
         counts={"draws": (40, "rigs drawn a level")},
     ),
     "factors": Study(
@@ -100,19 +92,16 @@ STUDIES = {
         counts={"seeds": (1, "draws of the noise")},
         names=("--factor", "FACTOR"),
     ),
-    "fitts": Study(
-        "a pointing task by simulated operators, by scale and delay: fitts.csv",
-        ("fitts",),
-    ),
+    "fitts": Study("a pointing task by simulated operators, by scale and delay: fitts.csv"),
     "gallery": Study(
         "the sweep gallery, a table each",
+        (),
         names=("names", "SWEEP"),
         kept="sweeps",
         out="data/sweeps/gallery",
     ),
     "match_rivals": Study(
         "rules that pair spots, with calibrations that are right and off: match_rivals.csv",
-        ("match_rivals",),
         counts={"draws": (12, "pairs of recordings")},
     ),
     "instant_times": Study(
@@ -124,14 +113,12 @@ STUDIES = {
     ),
     "second_renderer": Study(
         "the estimators on path-traced frames: second_renderer.csv",
-        ("second_renderer",),
         kept="second",
         workers=False,
         make="make_table",
     ),
     "sensitivity": Study(
         "the headline numbers with other assumptions: sensitivity.csv",
-        ("sensitivity",),
         counts={"draws": (2, "of the noise, a pose")},
         out="data",
         make="make_table",
@@ -143,12 +130,10 @@ STUDIES = {
         counts={"instants": (100, "of each fault and handle")},
         make="make_tables",
     ),
-    "webcams": Study(
-        "three webcams and a printed rod, by its size: webcams.csv",
-        ("webcams",),
-    ),
+    "webcams": Study("three webcams and a printed rod, by its size: webcams.csv"),
     "tuning": Study(
         "the most likely parameters of the filters of image and pose; prints them",
+        (),
         kept=None,
         workers=False,
         out="",
@@ -156,7 +141,7 @@ STUDIES = {
     ),
 }
 # A study -> the tables that it makes, but for the gallery's, which are in a folder of their own.
-MAKES = {name: study.tables for name, study in STUDIES.items() if study.tables}
+MAKES = {name: study.tables or (name,) for name, study in STUDIES.items() if study.tables != ()}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -229,7 +214,7 @@ def run(arguments: argparse.Namespace) -> None:
             options["draws"] = options.pop(count)
         make_tables(script(arguments.study).TABLES, folder, **options)
         return
-    paths = [folder / f"{name}.csv" for name in study.tables]
+    paths = [folder / f"{name}.csv" for name in MAKES.get(arguments.study, ())]
     check_targets(paths)
     if arguments.study == "claims":  # rows of trials that are not run stay
         options["before"] = paths

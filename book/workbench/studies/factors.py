@@ -17,13 +17,13 @@ from scipy.spatial.transform import RigidTransform
 from trinolab.bench.optics import Bench, blurred, digitise
 from trinolab.bench.scene import exposed
 from trinolab.camera import Rig
-from trinolab.checks import Array, as_number, as_whole
+from trinolab.checks import Array
 from trinolab.datasets import load_table1
 from trinolab.handle import Handle
 from trinolab.measurement import Measurement
 from trinolab.parameters import Parameters
 
-from .replication import PAPER, measure_frames, replication_errors
+from .replication import measure_frames, replication_errors
 
 MEAN_DISTANCE_MM = 570.0  # of Table 1's positions from the middle of CCD1 and CCD2
 
@@ -142,45 +142,6 @@ FACTORS = {
     "speed": Factor("speed_mm_s", (0.0, 25.0, 50.0, 100.0, 200.0, 400.0, 800.0), 0.0, at_speed),
     "turn": Factor("turn_deg_s", (0.0, 50.0, 100.0, 200.0, 400.0, 800.0), 0.0, at_turn_rate),
 }
-
-
-def cell(
-    name: str,
-    value: float,
-    seed: int,
-    rig: Rig,
-    handle: Handle,
-    methods: Mapping[str, Parameters] = PAPER,
-) -> list[dict[str, float | int | str]]:
-    """One value of one factor: a row of its table for each method, all from the same frames.
-
-    Parameters
-    ----------
-    name : str
-        Of `FACTORS`.
-    value : float
-    seed : int
-        Of the noise.
-    rig : Rig
-    handle : Handle
-    methods : mapping
-        From a name to the parameters of the measurement.
-
-    Raises
-    ------
-    ValueError
-        For an unknown factor, or a value that makes no rig or handle.
-    """
-    if name not in FACTORS:
-        raise ValueError(f"name: expected one of {', '.join(FACTORS)}, got {name!r}")
-    factor = FACTORS[name]
-    rng = np.random.default_rng(as_whole(seed, "seed", low=0))
-    setup = factor.change(table1_setup(rig, handle), as_number(value, factor.column))
-    start = {factor.column: value, "seed": seed}
-    return [
-        {**start, "method": method, **errors_of(measurements, setup)}
-        for method, measurements in measured(setup, methods, rng).items()
-    ]
 
 
 def measured(

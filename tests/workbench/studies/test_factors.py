@@ -8,9 +8,8 @@ from trinolab import measurement
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
-from trinolab.parameters import Parameters
 from workbench.studies import factors, replication
-from workbench.studies.factors import DISTANCES_MM, ERRORS, FACTORS, at_distance, cell, table1_setup
+from workbench.studies.factors import DISTANCES_MM, FACTORS, at_distance, table1_setup
 from workbench.studies.replication import replicate_table1
 
 
@@ -80,34 +79,6 @@ def test_at_rest_the_frames_are_the_scene_s(setup):
         setup.rig, setup.handle, setup.poses[11], Bench(), np.random.default_rng(4)
     )
     np.testing.assert_array_equal(frames, expected)
-
-
-# --- cells
-
-
-def test_a_cell_says_what_it_is_and_what_it_could_not_measure(monkeypatch, setup):
-    monkeypatch.setattr(factors, "frames", lambda *a: [np.zeros((1024, 1280), np.uint8)] * 2)
-    methods = {"one": Parameters(), "two": Parameters(sigma_px=0.2)}
-    rows = cell("speed", 100.0, 3, setup.rig, setup.handle, methods)
-    assert [(r["speed_mm_s"], r["seed"], r["method"], r["poses"], r["n"]) for r in rows] == [
-        (100.0, 3, "one", 20, 0),
-        (100.0, 3, "two", 20, 0),
-    ]
-    assert all(np.isnan(r[field]) for r in rows for field in ERRORS)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (("colour", 1.0, 0), "name"),
-        (("speed", np.nan, 0), "speed_mm_s"),
-        (("speed", 1.0, -1), "seed"),
-        (("marker_size", 9.0, 0), "overlap"),
-    ],
-)
-def test_a_cell_refuses(arguments, named, setup):
-    with pytest.raises(ValueError, match=named):
-        cell(*arguments, setup.rig, setup.handle)
 
 
 # --- the shipped tables
