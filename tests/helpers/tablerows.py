@@ -21,4 +21,5 @@ def made_and_stored(script, table):
     made = pd.read_csv(StringIO(text)).set_index(list(table.by))
     name = f"{GALLERY}/{table.name}" if script == GALLERY else table.name
     stored = load_sweep(name).set_index(list(table.by))
-    return made, stored.loc[made.index]
+    # a 2 of the one file is a 2.0 of the other
+    return made, stored.loc[made.index].set_axis(made.index)
