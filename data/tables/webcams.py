@@ -154,25 +154,12 @@ def _error(
     return float(position_errors(estimated, true)[0]), float(geodesic_deg(estimated, true)[0])
 
 
-COLUMNS = (
-    *("width_px", "focal_px", "rod_mm", "marker_mm", "marker_px", "estimator", "n", "seed"),
-    *("measured", "measured_low", "measured_high", "wrong"),
-    *(
-        "E_t_mm",
-        "E_t_mm_low",
-        "E_t_mm_high",
-        "geodesic_deg",
-        "geodesic_deg_low",
-        "geodesic_deg_high",
-    ),
-)
 TABLES = [
     Table(
         "webcams",
         cell,
         [{"webcam": range(len(WEBCAMS)), "rod": range(len(RODS_MM))}],
         by=("width_px", "rod_mm", "marker_mm", "estimator"),
-        columns=COLUMNS,
         again={"webcam": 0, "rod": 4},
     )
 ]

@@ -41,9 +41,9 @@ class Table:
     grids : sequence of mapping
         Each maps the trial's parameters to their values; the last one changes fastest.
     by : tuple of str
-        The columns that identify a row.
+        The columns that identify a row. A setting that is not among them is not in the table.
     columns : tuple of str
-        Of settings and rows what the table has; everything without it.
+        What the table has of all columns; everything without it.
     draws : int
         Runs of each setting, which are given their number as `draw`; 0 for a trial that draws
         nothing.
@@ -90,7 +90,7 @@ class Table:
             drawn = {"draw": grid.get("draw", numbers)} if self.draws else {}
             runs = all_runs(self.name, trial, {**grid, **drawn}, folder, workers, yes=True)
             found = runs.drop(columns=list(LAST_COLUMNS)).to_dict("records")
-            rows += [row for run in found for row in _rows_of(run)]
+            rows += [row for run in found for row in _rows_of(run, self.by)]
         table = pd.DataFrame(rows)
         if self.summary is not None:
             groups = table.groupby(list(self.by), sort=False)
@@ -128,11 +128,11 @@ class _Rows:
         return {COUNT: len(rows), **flat}
 
 
-def _rows_of(run: dict[str, Any]) -> list[dict[str, Any]]:
-    """The rows of one run of a sweep's table, each with the run's setting."""
+def _rows_of(run: dict[str, Any], by: Sequence[str]) -> list[dict[str, Any]]:
+    """The rows of one run of a sweep's table, each with those of its settings that are in `by`."""
     if COUNT not in run:
         return [run]
-    setting = {name: value for name, value in run.items() if ":" not in name}
+    setting = {name: run[name] for name in run if name in by}
     rows = [dict(setting) for _ in range(int(run[COUNT]))]
     for name in run:
         number, _, column = name.partition(":")

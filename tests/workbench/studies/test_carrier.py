@@ -37,7 +37,9 @@ def mean_and_count(draws):
     return {"n": len(draws), "value": draws["value"].mean()}
 
 
-POWERS = Table("powers", power, [{"base": [2, 3], "exponent": [1, 2]}], by=("base", "name"))
+POWERS = Table(
+    "powers", power, [{"base": [2, 3], "exponent": [1, 2]}], by=("base", "exponent", "name")
+)
 SCATTER = Table(
     "scatter",
     scattered,
@@ -63,6 +65,10 @@ def test_a_trial_may_give_several_rows_and_each_has_its_setting():
 def test_columns_are_chosen_and_ordered():
     table = replace(POWERS, columns=("value", "base")).make()
     assert list(table) == ["value", "base"]
+
+
+def test_a_setting_that_does_not_identify_a_row_is_left_out():
+    assert list(replace(POWERS, by=("base", "name")).make()) == ["base", "name", "value"]
 
 
 def test_draws_are_summed_up_row_by_row():
