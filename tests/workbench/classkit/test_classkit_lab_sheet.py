@@ -18,6 +18,7 @@ from healthy import run, write_video
 from pages import page_says
 from scipy.spatial.transform import RigidTransform, Rotation
 from setups import pose_at
+from webcams import BENCH, WEBCAMS, webcam_rig
 
 from trinolab.bench.scenario import Job, Shot, take
 from trinolab.datasets import load_real_sets, load_sweep, real_set
@@ -32,7 +33,6 @@ from workbench.classkit.preflight import of_rig, place_of_handle
 from workbench.classkit.seen import Seen
 from workbench.classkit.sheets import EDGE_MM, PAPERS, board_target
 from workbench.studies.real_recordings import load_caliscope
-from workbench.studies.webcams import BENCH, WEBCAMS, webcam_rig
 
 PAGE = Path(__file__).resolve().parents[3] / "book" / "lab_sheet.md"
 SIZE = PAPERS["a4"]

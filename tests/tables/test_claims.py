@@ -1,15 +1,14 @@
 """The run of the protocol: its stored draws come out again, and its results follow from them."""
 
-import json
 import tomllib
 
+import claims
 import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
 
 from trinolab.datasets import data_path
-from workbench.studies import claims
 from workbench.studies.claim_draws import TRIALS
 from workbench.studies.protocol import Trial, load_claims, load_trials, logged_hashes
 
@@ -116,7 +115,7 @@ def test_intervals_of_ratios_hold_what_they_say():
 
 @pytest.fixture
 def counted(monkeypatch):
-    """Three trials' draws without any work; which draws were made."""
+    """A trial's draws without any work; which of them were made."""
     made = []
 
     def draw(k, seed):
@@ -128,68 +127,28 @@ def counted(monkeypatch):
     return made
 
 
-def test_an_interrupted_run_goes_on(tmp_path, counted, monkeypatch):
-    whole = claims.TRIALS["concealed"]
-
-    def stops(k, seed):
-        if k == 2:
-            raise KeyboardInterrupt
-        return whole(k, seed)
-
-    results, every, kept = tmp_path / "r.csv", tmp_path / "d.csv", tmp_path / "kept"
-    monkeypatch.setitem(claims.TRIALS, "concealed", stops)
-    with pytest.raises(KeyboardInterrupt):
-        claims.make_tables(results, every, kept)
-    assert not results.exists()
-    monkeypatch.setitem(claims.TRIALS, "concealed", whole)
-    claims.make_tables(results, every, kept)
+def test_draws_are_kept_and_rows_of_other_trials_stay(tmp_path, counted):
+    before = [tmp_path / "r.csv", tmp_path / "d.csv"]
+    RESULTS[RESULTS["trial"] == "forecast"].to_csv(before[0], index=False)
+    for _ in range(2):
+        results, every = claims.make_tables(tmp_path / "kept", before, ["concealed"])
     assert counted == [0, 1, 2, 3]
-    table = pd.read_csv(results).set_index("check")
+    assert set(results["trial"]) == {"forecast", "concealed"}
+    table = results.set_index("check")
     assert table.loc["share_concealed", "value"] == 0.5
     assert table.loc["plain_mean", "n"] == 4
-    assert len(pd.read_csv(every)) == 8
-    assert claims.draws_of(pd.read_csv(every), "concealed")[3]["plain_mean"] == (5.0, 2.0)
-
-
-def test_rows_of_other_trials_stay(tmp_path, counted):
-    results, every = tmp_path / "r.csv", tmp_path / "d.csv"
-    RESULTS[RESULTS["trial"] == "forecast"].to_csv(results, index=False)
-    claims.make_tables(results, every, tmp_path / "kept", ["concealed"])
-    assert set(pd.read_csv(results)["trial"]) == {"forecast", "concealed"}
-
-
-def test_another_seed_begins_anew(tmp_path, counted):
-    path = tmp_path / "concealed.jsonl"
-    claims.drawn("concealed", Trial(2, 1, ""), path)
-    claims.drawn("concealed", Trial(2, 2, ""), path)
-    assert counted == [0, 1, 0, 1]
-    assert json.loads(path.read_text().splitlines()[0])["seed"] == 2
+    assert len(every) == 8
+    assert claims.draws_of(every, "concealed")[3]["plain_mean"] == (5.0, 2.0)
 
 
 def test_an_unknown_trial_is_one_line(tmp_path, counted):
     with pytest.raises(ValueError, match="trial: expected one of concealed, got 'no'"):
-        claims.make_tables(tmp_path / "r.csv", tmp_path / "d.csv", tmp_path / "k", ["no"])
+        claims.make_tables(tmp_path, [], ["no"])
 
 
 def test_a_check_without_a_draw_is_nan():
     value, interval = claims.estimated(np.empty((0, 2)), "ratio")
     assert np.isnan([value, interval.low, interval.high]).all()
-
-
-def test_a_draw_that_was_cut_off_is_drawn_again(tmp_path, counted):
-    path = tmp_path / "concealed.jsonl"
-    whole = claims.drawn("concealed", Trial(3, 1, ""), path)
-    path.write_text(path.read_text()[:-2] + "\n")  # the last brace is lost
-    assert claims.drawn("concealed", Trial(3, 1, ""), path) == whole
-    assert counted == [0, 1, 2, 2]
-
-
-def test_more_draws_than_asked_for_are_kept_and_left_out(tmp_path, counted):
-    path = tmp_path / "concealed.jsonl"
-    three = claims.drawn("concealed", Trial(3, 1, ""), path)
-    assert claims.drawn("concealed", Trial(2, 1, ""), path) == three[:2]
-    assert claims.drawn("concealed", Trial(3, 1, ""), path) == three
-    assert counted == [0, 1, 2]
 
 
 def test_draws_that_say_nothing_of_a_check_do_not_count():

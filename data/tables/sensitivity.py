@@ -1,17 +1,13 @@
 """What each assumption is worth: the report's headline numbers with one assumption at a time replaced
-by another that the paper allows as well.
-
-python -m workbench.studies sensitivity
-
-makes ``data/sensitivity.csv``. Every case renders the same poses, Table 1's, with the same noise as the
-case without a change, so that differences are those of pairs. A case is kept as soon as it is
-finished.
+by another that the paper allows as well. Every case renders the same poses, Table 1's, with the same
+noise as the case without a change, so that differences are those of pairs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -41,12 +37,11 @@ from trinolab.parameters import Parameters
 from trinolab.rigid import nearest_rotation
 from trinolab.workspace import intersect
 from trinolab.workspace.cones import cones_of_rig
-
-from ..intervals import of_mean
-from . import factors
-from .carrier import kept_draws
-from .error_sources import Trial, by_matrix, with_one_focal
-from .simulated_calibration import calibration_errors, simulated_calibration
+from workbench.intervals import of_mean
+from workbench.studies import factors
+from workbench.studies.carrier import all_runs
+from workbench.studies.error_sources import Trial, by_matrix, with_one_focal
+from workbench.studies.simulated_calibration import calibration_errors, simulated_calibration
 
 COLUMNS = (
     "assumption",
@@ -192,10 +187,7 @@ def _other_axis(world: World) -> World:
 
 def _angles_in_turn(world: World) -> World:
     """Table 1's angles about X, Y, Z in that order."""
-    poses = world.setup.poses
-    angles = poses.rotation.as_euler("ZYX")
-    rotation = Rotation.from_euler("XYZ", angles[:, ::-1])
-    return _with(poses=RigidTransform.from_components(poses.translation, rotation))(world)
+    return _with(poses=_in_turn(world.setup.poses))(world)
 
 
 def _moving(speed_mm_s: float) -> Callable[[World], World]:
@@ -336,49 +328,34 @@ def is_itself(world: World, estimate: RigidTransform | None, k: int) -> bool:
 # --- all cases
 
 
-def make_table(kept: Path, draws: int = DRAWS) -> pd.DataFrame:
-    """Run every case, finished ones taken up; columns `COLUMNS`."""
-    kept.mkdir(parents=True, exist_ok=True)
-    base = run_case(Case("", "", lambda world: world), kept / "A0.jsonl", draws)
-    rows = [row for case in CASES for row in _rows_of(case, base, kept, draws)]
+def make_table(kept: Path, draws: int = DRAWS, workers: int = 1) -> pd.DataFrame:
+    """Run every case; columns `COLUMNS`. Finished instants in the folder `kept` are taken up."""
+    poses = range(len(load_table1().set_poses))
+    grid = {"case": range(len(CASES) + 1), "draw": range(draws), "k": poses}
+    runs = all_runs("sensitivity", instant, grid, kept, workers)
+    base, *others = (part.to_dict("records") for _, part in runs.groupby("case"))
+    rows = [
+        (case.assumption, case.instead, name, unit, claim)
+        + compared(by_pose(base, name, len(poses)), by_pose(numbers, name, len(poses)))
+        + (draws, SEED, "rendered")
+        for case, numbers in zip(CASES, others, strict=True)
+        for name, (unit, claim) in NUMBERS.items()
+    ]
     rows += [*of_table1(), *of_workspace(), *of_calibration(), *of_sweeps()]
     table = pd.DataFrame(rows, columns=list(COLUMNS))
     order = table["assumption"].str.removeprefix("A").astype(int)
     return table.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
 
 
-def run_case(case: Case, path: Path, draws: int) -> list[dict[str, float]]:
-    """The numbers of every pose under every draw, draw by draw."""
-    world = case.change(standard())
-    poses = len(world.setup.poses)
-    title = f"{case.assumption} {case.instead}".strip() or "as assumed"
-    return kept_draws(
-        path,
-        {"case": case.instead, "seed": SEED},
-        draws * poses,
-        lambda i: numbers_of(world, i % poses, i // poses),
-        title,
-    )
+def instant(case: int, draw: int, k: int) -> dict[str, float]:
+    """The numbers of pose `k`; case 0 is as assumed, the others are those of `CASES`."""
+    return numbers_of(world_of(case), k, draw)
 
 
-def _rows_of(case: Case, base: list[dict[str, float]], kept: Path, draws: int) -> list[tuple]:
-    number = CASES.index(case)
-    numbers = run_case(case, kept / f"{number:02d}-{case.assumption}.jsonl", draws)
-    poses = len(numbers) // draws
-    return [
-        (
-            case.assumption,
-            case.instead,
-            name,
-            unit,
-            claim,
-            *compared(by_pose(base, name, poses), by_pose(numbers, name, poses)),
-            draws,
-            SEED,
-            "rendered",
-        )
-        for name, (unit, claim) in NUMBERS.items()
-    ]
+@lru_cache(maxsize=1)
+def world_of(case: int) -> World:
+    """The world of a case, see `instant`."""
+    return standard() if case == 0 else CASES[case - 1].change(standard())
 
 
 def compared(before: Array, after: Array) -> tuple[float, float, float, float, float, int]:
@@ -404,6 +381,13 @@ def by_pose(found: Sequence[dict[str, float]], name: str, poses: int) -> Array:
 
 
 # --- what needs no images
+
+
+def computed(
+    what: tuple[str, ...], before: float, after: float, n: int = 1, source: str = "computed"
+) -> tuple:
+    """A row without a draw, and so without an interval."""
+    return (*what, before, after, after - before, np.nan, np.nan, n, 0, "", source)
 
 
 def of_table1() -> list[tuple]:
@@ -433,10 +417,8 @@ def of_table1() -> list[tuple]:
             ("geodesic_mean_deg", "angle printed", "deg", ""),
         ):
             before, after = getattr(base, name), getattr(errors, name)
-            rows.append(
-                (assumption, instead, number, unit, claim, before, after, after - before)
-                + (np.nan, np.nan, len(true), 0, "", "computed")
-            )
+            what = (assumption, instead, number, unit, claim)
+            rows.append(computed(what, before, after, len(true)))
     return rows
 
 
@@ -453,12 +435,9 @@ def of_workspace() -> list[tuple]:
     camera = load_rig("paper_trinocular").cameras[0]
     side = float(np.arctan(camera.size[0] / 2 / camera.focal[0]))
     narrow = tuple(replace(cone, half_angle=side) for cone in cones)
-    volumes = [1e-6 * intersect(cones_of).volume for cones_of in (cones, narrow)]
+    before, after = (1e-6 * intersect(cones_of).volume for cones_of in (cones, narrow))
     instead = f"omega of {np.rad2deg(side):.1f} deg, to the side of the image"
-    return [
-        ("A8", instead, "workspace", "dm³", "10", *volumes, volumes[1] - volumes[0])
-        + (np.nan, np.nan, 1, 0, "", "computed")
-    ]
+    return [computed(("A8", instead, "workspace", "dm³", "10"), before, after)]
 
 
 def of_calibration() -> list[tuple]:
@@ -494,17 +473,11 @@ def _costs(board: Board, bend_mm: float = 0.0) -> Array:
 def of_sweeps() -> list[tuple]:
     """What the shipped sweeps of the gallery say of the assumptions that no still image shows."""
     rows = []
+    false, window = "false_percent_cured", "window_percent_calm"
     for assumption, name, column, number, assumed, others in (
-        ("A23", "update_rate", "update_rate", "false_percent_cured", 0.008, (0.001, 0.064)),
-        (
-            "A23",
-            "difference_threshold",
-            "difference_threshold",
-            "false_percent_cured",
-            15,
-            (10, 20),
-        ),
-        ("A24", "process_noise", "jerk_intensity", "window_percent_calm", 1e8, (1e6, 1e10)),
+        ("A23", "update_rate", "update_rate", false, 0.008, (0.001, 0.064)),
+        ("A23", "difference_threshold", "difference_threshold", false, 15, (10, 20)),
+        ("A24", "process_noise", "jerk_intensity", window, 1e8, (1e6, 1e10)),
     ):
         table = load_sweep(f"gallery/{name}").groupby(column)[number].mean()
         at = {
@@ -512,9 +485,7 @@ def of_sweeps() -> list[tuple]:
             for value in (assumed, *others)
         }
         for value in others:
-            rows.append(
-                (assumption, f"{column} = {value:g}, not {assumed:g}", number, "%", "")
-                + (at[assumed], at[value], at[value] - at[assumed], np.nan, np.nan, 1, 0, "")
-                + (f"data/sweeps/gallery/{name}.csv",)
-            )
+            what = (assumption, f"{column} = {value:g}, not {assumed:g}", number, "%", "")
+            source = f"data/sweeps/gallery/{name}.csv"
+            rows.append(computed(what, at[assumed], at[value], source=source))
     return rows

@@ -1,26 +1,23 @@
 """The study of what each assumption is worth: its changes, its comparison, its shipped table."""
 
-import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
+import sensitivity
 from scipy.spatial.transform import RigidTransform, Rotation
+from sensitivity import CASES, COLUMNS, NUMBERS, compared, standard
 
 from trinolab.datasets import data_path
 from trinolab.handle import facing_pixels
 from trinolab.markers import Markers
 from trinolab.measurement import Measurement
 from trinolab.pose import Pose
-from workbench.studies import sensitivity
 from workbench.studies.deviations import deviations
 from workbench.studies.error_sources import make_trial, printed_matrix
-from workbench.studies.sensitivity import CASES, COLUMNS, NUMBERS, Case, compared, standard
 
 TABLE = pd.read_csv(data_path("sensitivity.csv"))
-UNCHANGED = Case("", "", lambda world: world)
 
 
 def case(assumption, part=""):
@@ -136,18 +133,6 @@ def test_the_printed_matrix_takes_the_same_centroids_elsewhere():
     assert np.linalg.norm(found[:3]) > 0.1
 
 
-def test_the_printed_matrix_is_the_pair_s_alone(monkeypatch):
-    """Not that of the best estimator, which has a third camera."""
-    worlds = standard(), case("A4").change(standard())
-    _, measured = exact_measurement(worlds[0], 2)
-    monkeypatch.setattr(sensitivity, "images_of", lambda *_: [])
-    monkeypatch.setattr(sensitivity, "measure", lambda *_, **__: measured)
-    assumed, printed = (sensitivity.numbers_of(world, 2, 0) for world in worlds)
-    assert assumed["E_t"] == assumed["E_t best"] == printed["E_t best"] == 0.0
-    assert printed["E_t"] > 0.1
-    assert [both["told apart"] for both in (assumed, printed)] == [1.0, 1.0]
-
-
 def test_what_is_lost_has_no_pose_by_the_printed_matrix():
     world = standard()
     pair, measured = exact_measurement(world, 2)
@@ -172,23 +157,6 @@ def test_a_late_camera_alone_shows_the_handle_where_it_is_later(monkeypatch):
 
 
 # --- the table
-
-
-def test_finished_instants_are_taken_up(tmp_path, monkeypatch):
-    asked = []
-
-    def numbers(world, k, draw):
-        asked.append((k, draw))
-        return dict.fromkeys(NUMBERS, float(k))
-
-    monkeypatch.setattr(sensitivity, "numbers_of", numbers)
-    path = tmp_path / "case.jsonl"
-    first = sensitivity.run_case(UNCHANGED, path, 1)
-    assert asked == [(k, 0) for k in range(20)]
-    assert sensitivity.run_case(UNCHANGED, path, 2)[:20] == first
-    assert asked[20:] == [(k, 1) for k in range(20)]
-    path.write_text(path.read_text() + json.dumps([1]) + "\n")
-    assert len(sensitivity.run_case(UNCHANGED, path, 2)) == 40
 
 
 def test_the_shipped_table_is_of_these_cases():
@@ -222,76 +190,7 @@ def test_what_needs_no_image_is_that_of_the_shipped_table(rows):
         assert shown["changed"].item() == pytest.approx(row[6], rel=1e-4)
 
 
-def test_a_line_that_was_cut_off_is_computed_again(tmp_path, monkeypatch):
-    monkeypatch.setattr(sensitivity, "numbers_of", lambda world, k, draw: {"E_t": float(k)})
-    path = tmp_path / "case.jsonl"
-    whole = sensitivity.run_case(UNCHANGED, path, 1)
-    *lines, last = path.read_text().splitlines()
-    path.write_text("\n".join([*lines, last[:-1]]) + "\n")
-    assert sensitivity.run_case(UNCHANGED, path, 1) == whole
-    assert path.read_text().splitlines() == [*lines, last]
-
-
 def test_a_number_of_a_pose_is_the_mean_of_the_draws_that_have_it():
     nan = float("nan")
     drawn = [{"E_t": value} for value in (1.0, 2.0, nan, 3.0, nan, nan)]  # two draws of three poses
     np.testing.assert_array_equal(sensitivity.by_pose(drawn, "E_t", 3), [2.0, 2.0, np.nan])
-
-
-def test_the_table_compares_each_case_with_none_by_rising_number(tmp_path, monkeypatch):
-    """One case and the base, their numbers by hand."""
-    one = case("A22")
-    monkeypatch.setattr(sensitivity, "CASES", (one,))
-    monkeypatch.setattr(
-        sensitivity, "NUMBERS", {name: NUMBERS[name] for name in ("E_t", "measured")}
-    )
-    monkeypatch.setattr(
-        sensitivity,
-        "numbers_of",
-        lambda world, k, draw: dict.fromkeys(NUMBERS, 1.0 + 0.5 * world.setup.velocity.any()),
-    )
-    row = ("x", "number", "mm", "", 1.0, 2.0, 1.0, 1.0, 1.0, 1, 1, 0, "computed")
-    for name, assumption in (("of_table1", "A30"), ("of_sweeps", "A3"), ("of_workspace", "A4")):
-        monkeypatch.setattr(sensitivity, name, lambda assumption=assumption: [(assumption, *row)])
-    monkeypatch.setattr(sensitivity, "of_calibration", list)
-    table = sensitivity.make_table(tmp_path / "new" / "kept", 1)
-    assert tuple(table.columns) == COLUMNS
-    assert table["assumption"].tolist() == ["A3", "A4", "A22", "A22", "A30"]
-    drawn = table[table["assumption"] == "A22"]
-    assert drawn["number"].tolist() == ["E_t", "measured"]
-    assert drawn["claim"].tolist() == ["5j", "11"]
-    assert set(drawn["instead"]) == {one.instead}
-    numbers = ["as_assumed", "changed", "difference", "low", "high", "n"]
-    assert (drawn[numbers] == [1.0, 1.5, 0.5, 0.5, 0.5, 20]).all(axis=None)
-    assert sorted(path.name for path in (tmp_path / "new" / "kept").iterdir()) == [
-        "00-A22.jsonl",
-        "A0.jsonl",
-    ]
-
-
-def test_the_boards_are_compared_on_the_same_draws(monkeypatch):
-    """A calibration's cost is its board's square and bend, and the draw: only the first two are a
-    difference.
-    """
-    costs = []
-
-    def calibrated(rig, board, positions, rng, bend_mm):
-        costs.append(board.square_mm + 100 * bend_mm + rng.random())
-        return SimpleNamespace(rig=costs[-1])
-
-    monkeypatch.setattr(sensitivity, "CALIBRATIONS", 3)
-    monkeypatch.setattr(sensitivity, "simulated_calibration", calibrated)
-    monkeypatch.setattr(
-        sensitivity, "calibration_errors", lambda rig, *_: SimpleNamespace(E_t_mm=rig)
-    )
-    rows = [dict(zip(COLUMNS, row, strict=True)) for row in sensitivity.of_calibration()]
-    assert [row["instead"] for row in rows] == [
-        "squares of 10 mm",
-        "a board that is bent by 0.02 mm",
-        "a board that is bent by 0.05 mm",
-    ]
-    for found, step in zip(rows, (-5.0, 2.0, 5.0), strict=True):
-        assert (found["assumption"], found["n"], found["draws"]) == ("A25", 3, 3)
-        numbers = [found[name] for name in ("difference", "low", "high")]
-        assert numbers == pytest.approx([step] * 3)
-        assert found["as_assumed"] == pytest.approx(np.mean(costs[:3]))

@@ -1,8 +1,8 @@
 """The rules that pair spots, by brute force, and what their table counts."""
 
 from itertools import permutations
-from pathlib import Path
 
+import match_rivals as script
 import numpy as np
 import pandas as pd
 import pytest
@@ -95,9 +95,6 @@ def test_a_share_of_nothing_has_an_interval():
     """Of 300 pairs without a wrong one 1.3 % may be wrong (Wilson, 1.96^2 / (n + 1.96^2))."""
     draws = pd.DataFrame(
         {
-            "calibration_px": 0.0,
-            "gate_px": 2.0,
-            "rule": "layout",
             "instants": 12,
             "given": [100, 200],
             "wrong": 0,
@@ -105,19 +102,20 @@ def test_a_share_of_nothing_has_an_interval():
             "missing": [5, 10],
         }
     )
-    (row,) = match_rivals.summary(draws).itertuples()
-    assert (row.given, row.wrong, row.missing, row.draws) == (300, 0, 15, 2)
-    assert row.wrong_percent_low == 0
-    assert abs(row.wrong_percent_high - 100 * 1.96**2 / (300 + 1.96**2)) < 0.01
+    row = script.shares(draws)
+    assert (row["given"], row["wrong"], row["missing"], row["draws"]) == (300, 0, 15, 2)
+    assert row["wrong_percent_low"] == 0
+    assert abs(row["wrong_percent_high"] - 100 * 1.96**2 / (300 + 1.96**2)) < 0.01
     # drawn again, the two are 5, 10 or 5 and 10 of 50 each
-    assert (row.missing_percent, row.missing_percent_low, row.missing_percent_high) == (15, 10, 20)
+    missing = [row[f"missing_percent{end}"] for end in ("", "_low", "_high")]
+    assert missing == [15, 10, 20]
 
 
 def test_the_shipped_table_says_what_the_chapter_says():
     """By rows of the same spots: gates and rules differ, the pairs to be found do not."""
     table = load_sweep("match_rivals")
     assert set(table.due) == {1489}
-    assert len(table) == len(match_rivals.LEVELS_PX) * len(match_rivals.GATES_PX) * 7
+    assert len(table) == len(script.LEVELS_PX) * len(script.GATES_PX) * 7
     rows = table.set_index(["calibration_px", "gate_px", "rule"])
     exact = rows.loc[0.0, 2.0]
     assert exact.wrong_percent["line"] < exact.wrong_percent["four constraints"]
@@ -129,45 +127,12 @@ def test_the_shipped_table_says_what_the_chapter_says():
     assert layout.wrong.sum() == 0
 
 
-def test_a_draw_has_a_row_for_each_rule_and_the_same_pairs_are_due(monkeypatch):
-    """Of one instant, with a calibration that is right."""
-    monkeypatch.setattr(match_rivals, "FRAMES", {"calm": [38]})
-    monkeypatch.setattr(match_rivals, "LEVELS_PX", (0.0,))
-    monkeypatch.setattr(match_rivals, "GATES_PX", (2.0,))
-    rows = match_rivals._one_draw(0)["rows"]
-    assert {row["rule"] for row in rows} >= {*match_rivals.RULES, match_rivals.LAYOUT}
-    assert {row["instants"] for row in rows} == {1}
-    assert len({row["due"] for row in rows}) == 1
-    by_rule = {row["rule"]: row for row in rows}
-    assert by_rule["line"]["due"] > 3
-    assert by_rule[match_rivals.LAYOUT]["wrong"] == 0
-
-
 @pytest.mark.heavy
-def test_the_shipped_table_is_made_again(tmp_path):
+def test_the_shipped_table_is_made_again():
     """Its first draw."""
-    found = pd.DataFrame(match_rivals._one_draw(0)["rows"])
+    found = pd.DataFrame(script.one_draw(0))
     shipped = load_sweep("match_rivals")
     columns = ["calibration_px", "gate_px", "rule"]
     assert found[columns].to_numpy().tolist() == shipped[columns].to_numpy().tolist()
     assert (found.given <= shipped.given).all()
     assert found.groupby("rule").due.unique().map(tuple).nunique() == 1
-
-
-def test_the_command_has_its_folder_made(tmp_path, monkeypatch):
-    rows = [
-        {
-            "calibration_px": 0.0,
-            "gate_px": 2.0,
-            "rule": "line",
-            "instants": 1,
-            "given": 4 + k,
-            "wrong": 1,
-            "due": 4,
-            "missing": 0,
-        }
-        for k in range(2)
-    ]
-    monkeypatch.setattr(match_rivals, "_one_draw", lambda k: {"rows": [rows[k]]})
-    table = match_rivals.make_table(2, Path(tmp_path) / "new")
-    assert table.given.tolist() == [9]

@@ -1,11 +1,10 @@
 """What a calibration that is off costs: drawn rigs, patterns, the shipped table, and its theory."""
 
-from itertools import product
-
 import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 import pytest
+from calibration_error import DRAWS, ERRORS, PLACES, SEED, drawn_rig, results
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
@@ -14,24 +13,25 @@ from trinolab.measurement import Measurement
 from trinolab.methods import BEST
 from trinolab.pose import LOST, Pose
 from trinolab.rigid import cross_matrices
-from workbench.intervals import of_mean
 from workbench.plotting import plot_calibration_error
-from workbench.studies import calibration_error as study
-from workbench.studies.__main__ import main
-from workbench.studies.calibration_error import DIRECTIONS, PLACES, drawn_rig, level_at, pattern
-from workbench.studies.carrier import columns_of_mean
-from workbench.sweep import runs
+from workbench.studies.calibration_error import (
+    CENTRE_PX,
+    DIRECTIONS,
+    RIGS,
+    SETTINGS,
+    TURN_DEG,
+    curve,
+    level_at,
+    pattern,
+)
 
-PAIR, RAISED = (load_rig(name) for name in study.RIGS)
+PAIR, RAISED = (load_rig(name) for name in RIGS)
 HANDLE, TRUTHS = load_handle("paper"), load_table1().set_poses
 TABLE = load_sweep("calibration_error")
-# Tables have six digits. Between instruction sets their numbers differ by at most 1.3e-11 of
-# themselves (make verify ARGS="--only spread --groups tables").
-DIGITS = 1e-5
 
 
 def shipped(rig, estimator):
-    return study.curve(TABLE, rig, estimator).set_index("level", drop=False)
+    return curve(TABLE, rig, estimator).set_index("level", drop=False)
 
 
 # --- the drawn rigs
@@ -82,11 +82,6 @@ def test_cameras_that_two_rigs_share_are_off_by_the_same():
     np.testing.assert_allclose(two, three[:2], atol=1e-9)
 
 
-def test_an_unknown_change_is_refused():
-    with pytest.raises(ValueError, match="changed: expected directions or places, got 'focal'"):
-        drawn_rig(PAIR, "focal", 1.0, 0)
-
-
 # --- the pattern of errors
 
 
@@ -130,7 +125,7 @@ def measured(shift_mm, lost=0, wrong=0):
 
 
 def test_results_of_poses_that_are_all_shifted():
-    found = study.results(measured([0, 0, 0.5], lost=4), HANDLE)
+    found = results(measured([0, 0, 0.5], lost=4), HANDLE)
     assert found["E_t_mm"] == pytest.approx(0.5)
     assert found["registered_mm"] == pytest.approx(0.0, abs=1e-9)
     assert found["geodesic_deg"] == pytest.approx(0.0, abs=1e-5)
@@ -139,23 +134,12 @@ def test_results_of_poses_that_are_all_shifted():
 
 
 def test_a_rig_that_measures_little_has_shares_and_no_errors():
-    found = study.results(measured([0, 0, 0.5], lost=11, wrong=2), HANDLE)
+    found = results(measured([0, 0, 0.5], lost=11, wrong=2), HANDLE)
     assert (found["measured"], found["off"]) == (0.45, 0.1)
-    assert np.isnan([found[name] for name in study.ERRORS]).all()
-    nothing = study.results(measured([0, 0, 0.5], lost=20), HANDLE)
+    assert np.isnan([found[name] for name in ERRORS]).all()
+    nothing = results(measured([0, 0, 0.5], lost=20), HANDLE)
     assert (nothing["measured"], nothing["off"]) == (0.0, 0.0)
     assert nothing.keys() == found.keys()
-
-
-@pytest.mark.heavy
-def test_intervals_hold_the_mean_as_often_as_they_say():
-    rng = np.random.default_rng(1)
-    drawn = np.abs(rng.standard_normal((200, 40)))  # errors of a level scatter like this
-    intervals = [of_mean(values, study.SEED, study.RESAMPLES) for values in drawn]
-    held = [one.low <= np.sqrt(2 / np.pi) <= one.high for one in intervals]
-    assert 0.88 < np.mean(held) < 0.98  # 200 trials: 1.5 %
-    assert columns_of_mean("x", [0.2], of_mean([0.2]))["x"] == 0.2
-    assert np.isnan(list(columns_of_mean("x", [], of_mean([])).values())).all()
 
 
 def test_the_level_at_a_limit_lies_on_the_power_law_between():
@@ -172,52 +156,14 @@ def test_the_level_at_a_limit_lies_on_the_power_law_between():
 # --- the shipped table
 
 
-def test_table_is_whole():
-    names = ["changed", "handle", "rig", "level"]
-    runs = [
-        setting[:4]
-        for grid in study.grids(study.DRAWS).values()
-        for setting in product(*grid.values())
-    ]
-    found = TABLE[[*names, "estimator"]].itertuples(index=False, name=None)
-    assert list(found) == [(*run, e) for run in dict.fromkeys(runs) for e in study.SETTINGS]
-    drawn = TABLE[TABLE["level"] > 0]
-    assert (drawn["n"] == study.DRAWS).all()
-    assert (TABLE["seed"] == study.SEED).all()
-    for name in study.RESULTS:
-        held = drawn[drawn[name].notna() & (drawn["n_held"] > 1)]
-        assert (held[f"{name}_low"] <= held[name] * (1 + DIGITS)).all(), name
-        assert (held[name] <= held[f"{name}_high"] * (1 + DIGITS)).all(), name
-    assert TABLE[TABLE["level"] <= 1]["E_t_mm"].notna().all()
-
-
 def test_exact_rig_is_one_row_of_the_gallery():
     """Other frames of the same poses: the noise is drawn anew, with a read noise of 1 and of 2 in
     place of 1.5.
     """
     other = load_sweep("gallery/noise").query("read_noise in [1, 2]")
-    for estimator in study.SETTINGS:
+    for estimator in SETTINGS:
         here = shipped("paper_pair", estimator).loc[0.0, "E_t_mm"]
         assert here == pytest.approx(other[f"E_t_mm_{estimator}"].mean(), rel=0.15)
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("level", [0.0, 1.0])
-def test_one_level_is_made_again(level):
-    found = [
-        {
-            **{"changed": DIRECTIONS, "level": level, "rig": "paper_pair", "handle": "paper"},
-            **study.one_draw(DIRECTIONS, level, "paper_pair", "paper", draw),
-        }
-        for draw in range(study.DRAWS if level else 1)
-    ]
-    for row in study.summaries(pd.DataFrame(found)):
-        stored = shipped("paper_pair", row["estimator"]).loc[level]
-        for name, value in row.items():
-            if isinstance(value, str):
-                assert stored[name] == value
-            else:
-                assert stored[name] == pytest.approx(value, rel=DIGITS, nan_ok=True), name
 
 
 # --- the theory: a pinhole's slopes
@@ -244,9 +190,9 @@ def slopes(rig, T):
         about = cross_matrices(seen - T.translation)
         by_pose.append(np.concatenate([by_point, -by_point @ about], axis=2))
         slope = np.zeros((len(seen), 2, len(rig.cameras), 5))
-        slope[:, :, k, :2] = study.CENTRE_PX * np.eye(2)
+        slope[:, :, k, :2] = CENTRE_PX * np.eye(2)
         # a turn of the camera's frame moves the point in it
-        slope[:, :, k, 2:] = -np.deg2rad(study.TURN_DEG) * (
+        slope[:, :, k, 2:] = -np.deg2rad(TURN_DEG) * (
             pinhole @ cross_matrices(np.column_stack([x, y, z]))
         )
         by_rig.append(slope)
@@ -259,8 +205,8 @@ def predicted(rig):
     """E_t in mm at level 1, over the table's draws."""
     z = np.array(
         [
-            np.random.default_rng([study.SEED, k]).standard_normal((len(rig.cameras), 5))
-            for k in range(study.DRAWS)
+            np.random.default_rng([SEED, k]).standard_normal((len(rig.cameras), 5))
+            for k in range(DRAWS)
         ]
     )
     errors = np.einsum("nirc,drc->dni", [slopes(rig, T) for T in TRUTHS], z)
@@ -268,7 +214,7 @@ def predicted(rig):
 
 
 @pytest.mark.parametrize("level", [3.0, 5.0])
-@pytest.mark.parametrize("rig", study.RIGS)
+@pytest.mark.parametrize("rig", RIGS)
 def test_measured_slope_is_that_of_the_pinhole(rig, level):
     """Where all points are moved together, geometry decides. The paper's method takes what it gets;
     its own error is small beside this.
@@ -281,72 +227,6 @@ def test_measured_slope_is_that_of_the_pinhole(rig, level):
 def test_a_pose_that_is_corrected_by_its_residuals_is_better_than_geometry_says(rig, share):
     row = shipped(rig, BEST).loc[1.0]
     assert row["E_t_mm_high"] < share * predicted(load_rig(rig))
-
-
-# --- the command
-
-
-@pytest.fixture
-def small(monkeypatch, tmp_path):
-    monkeypatch.setattr(study, "LEVELS", (2.0,))
-    monkeypatch.setattr(study, "RIGS", ("paper_pair",))
-    monkeypatch.setattr(study, "one_draw", quick)
-    monkeypatch.setattr(runs, "figure", lambda found: b"")  # what it shows is tested with sweeps
-    kept = ["--kept", str(tmp_path / "kept"), "--workers", "1", "--draws", "3"]
-    return tmp_path, ["calibration_error", "--out", str(tmp_path), *kept]
-
-
-STOP_AT = []  # the draw at which someone presses Ctrl-C
-DONE = []
-
-
-def quick(changed, level, handle, rig, draw):
-    if draw in STOP_AT:
-        raise KeyboardInterrupt
-    DONE.append((changed, level, handle, draw))
-    results = dict.fromkeys(study.RESULTS, 0.1 + level * draw)
-    return {f"{name}_{e}": value for e in study.SETTINGS for name, value in results.items()}
-
-
-@pytest.mark.heavy
-def test_the_command_writes_the_table(small):
-    folder, arguments = small
-    assert main(arguments) == 0
-    table = pd.read_csv(folder / "calibration_error.csv")
-    assert list(table.columns) == list(TABLE.columns)
-    assert table["level"].tolist() == [0.0, 0.0, 2.0, 2.0, 1.0, 1.0, 3.0, 3.0]
-    assert table["n"].tolist() == [1, 1, 3, 3, 3, 3, 3, 3]
-    assert table["E_t_mm"].tolist() == [0.1, 0.1, 2.1, 2.1, 1.1, 1.1, 3.1, 3.1]
-    sizes = table[["centre_px", "turn_deg", "place_mm"]].to_numpy()[::2]
-    assert sizes.tolist() == [[0, 0, 0], [0.2, 0.01, 0], [0, 0, 0.02], [0.3, 0.015, 0]]
-
-
-def test_the_command_goes_on_where_it_was_stopped(small, monkeypatch, capsys):
-    folder, arguments = small
-    monkeypatch.setattr(f"{__name__}.STOP_AT", [2])
-    assert main(arguments) == 130
-    assert "2 of 3 runs are kept" in capsys.readouterr().err
-    assert not (folder / "calibration_error.csv").exists()
-    monkeypatch.setattr(f"{__name__}.STOP_AT", [])
-    DONE.clear()
-    assert main(arguments) == 0
-    assert DONE[0] == (DIRECTIONS, 2.0, "paper", 2)
-    assert len(DONE) == 1 + 3 + 3
-    assert len(pd.read_csv(folder / "calibration_error.csv")) == 8
-
-
-@pytest.mark.parametrize(
-    ("more", "named"),
-    [
-        (["--out", "/nowhere"], "no such folder"),
-        (["--workers", "0"], "workers"),
-        (["--draws", "0"], "draws"),
-    ],
-)
-def test_the_command_refuses_in_a_line(small, more, named, capsys):
-    assert main([*small[1], *more]) == 2
-    *_, line = capsys.readouterr().err.splitlines()
-    assert named in line
 
 
 # --- the figure
@@ -364,57 +244,10 @@ def test_figure_shows_the_table():
     np.testing.assert_array_equal(off.lines[3].get_ydata(), last["off"])
     assert set(np.asarray(position.lines[-1].get_ydata())) == {0.31}
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
-        *[f"{rig}, {estimator}" for rig in study.RIGS for estimator in study.SETTINGS],
+        *[f"{rig}, {estimator}" for rig in RIGS for estimator in SETTINGS],
         "0.31 mm",
     ]
     figure.canvas.draw()
     with pytest.raises(ValueError, match="handle: expected one of paper, coded, got 'rod'"):
         plot_calibration_error(TABLE, "rod", 0.31)
     plt.close(figure)
-
-
-# --- a draw, and one that fails
-
-
-def test_a_draw_measures_the_frames_of_the_true_rig_with_the_drawn_one(monkeypatch):
-    """Frames that say which pose and true rig they show, and whose noise."""
-    asked = []
-
-    def render_rig(rig, handle, T, bench, rng):
-        return rig.names, tuple(T.translation), rng.random()
-
-    def measure_frames(frames, rig, handle, settings):
-        asked.append((frames, rig))
-        best = measured([0.3, 0, 0.4], lost=0)
-        return {"paper": [Measurement(LOST, (), ())] * 20, BEST: best}
-
-    study.rendered.cache_clear()
-    monkeypatch.setattr(study, "render_rig", render_rig)
-    monkeypatch.setattr(study, "measure_frames", measure_frames)
-    found = study.one_draw(DIRECTIONS, 2.0, "raised_40deg", "paper", 3)
-    study.one_draw(PLACES, 1.0, "raised_40deg", "paper", 4)
-    study.rendered.cache_clear()
-    rng = np.random.default_rng(study.NOISE_SEED)
-    expected = [(RAISED.names, tuple(T.translation), rng.random()) for T in TRUTHS]
-    assert asked[0][0] == expected
-    assert asked[1][0] is asked[0][0]  # rendered once
-    believed = [drawn_rig(RAISED, DIRECTIONS, 2.0, 3), drawn_rig(RAISED, PLACES, 1.0, 4)]
-    for (_, rig), drawn in zip(asked, believed, strict=True):
-        np.testing.assert_array_equal(shifts(drawn, rig), 0.0)
-    assert set(found) == {f"{name}_{e}" for name, e in product(study.RESULTS, study.SETTINGS)}
-    assert (found["measured_paper"], found[f"measured_{BEST}"]) == (0.0, 1.0)
-    assert found[f"E_t_mm_{BEST}"] == pytest.approx(0.5)
-
-
-def test_a_draw_that_fails_is_said_and_no_table_is_written(small, monkeypatch, capsys):
-    def failing(changed, level, handle, rig, draw):
-        if draw == 1:
-            raise ValueError("level: too much")
-        return quick(changed, level, handle, rig, draw)
-
-    folder, arguments = small
-    monkeypatch.setattr(study, "one_draw", failing)
-    assert main(arguments) == 2
-    *_, line = capsys.readouterr().err.splitlines()
-    assert line.endswith("1 of 3 runs failed; the first: ValueError: level: too much")
-    assert not (folder / "calibration_error.csv").exists()

@@ -2,20 +2,11 @@
 computed anew.
 """
 
-from types import SimpleNamespace
-
+import budget as module
 import numpy as np
 import pandas as pd
 import pytest
-
-from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
-from trinolab.metrics import pose_errors
-from workbench.studies import budget as module
-from workbench.studies import error_sources as sources
-from workbench.studies import replication
-from workbench.studies.__main__ import main
-from workbench.studies.accounts import clamped_anew, misaligned
-from workbench.studies.budget import (
+from budget import (
     PRINTED,
     REGISTRATIONS,
     Images,
@@ -23,13 +14,17 @@ from workbench.studies.budget import (
     Parts,
     exact_tables,
     line,
-    parts,
     rendered,
     smooth_table,
 )
+
+from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
+from trinolab.metrics import pose_errors
+from workbench.studies import error_sources as sources
+from workbench.studies import replication
+from workbench.studies.accounts import clamped_anew, misaligned
 from workbench.studies.deviations import (
     MEANS,
-    Source,
     drawn,
     exact,
     first_order,
@@ -58,7 +53,6 @@ KNOWN = [
     "one focal length",
 ]
 CERTAIN = KNOWN[:5]
-MIXED = (("zeros", 0.1234, "deg"), ("platform", 2.0, "mm"))
 
 
 @pytest.fixture(scope="module")
@@ -267,34 +261,6 @@ def test_exact_tables_hold_bias_printed_matrix_and_one_focal_length(trial):
     assert np.linalg.norm(together(others, "others").fixed[:, :3], axis=1).min() > 0.3
 
 
-@pytest.mark.heavy
-def test_the_command_writes_four_tables(tmp_path, monkeypatch, trial):
-    rng = np.random.default_rng(0)
-    fake = Images(trial.uv + 0.3 * rng.standard_normal(trial.uv.shape), 0.02, [trial.truths])
-    monkeypatch.setattr(module, "rendered", lambda trial, draws: fake)
-    monkeypatch.setattr(
-        module,
-        "parts",
-        lambda *a: parts(*a)._replace(
-            bench=[
-                sources.platform(trial)._replace(name="calibration"),
-                sources.printed_digits(trial),
-            ]
-        ),
-    )
-    monkeypatch.setattr(module, "TABLES", 50)
-    monkeypatch.setattr(module, "PATTERN_TABLES", 50)
-    monkeypatch.setattr(module, "SMOOTH_TABLES", 50)
-    assert main(["budget", "--out", str(tmp_path), "--draws", "1"]) == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "budget.csv",
-        "mixes.csv",
-        "patterns.csv",
-        "smooth.csv",
-    ]
-    assert main(["budget", "--out", str(tmp_path / "none")]) == 2
-
-
 # --- small tables, of sources that cost nothing
 
 
@@ -318,161 +284,11 @@ def cheap(trial):
     )
 
 
-def test_parts_are_those_of_the_budget_in_its_order():
-    few = make_trial(load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses[9:10])
-    found = parts(few, Images(few.uv + 0.1, 0.03, []), 1e-6 * np.eye(14))
-    names = [source.name for kind in found for source in kind]
-    assert [source.name for source in found.certain] == CERTAIN
-    assert found.digits.name == "printed digits"
-    assert names[: len(KNOWN)] == KNOWN
-    assert len(set(names)) == len(names) == len(KNOWN) + 8
-    assert found.images[0].size == 0.03
-    assert found.images[1].size == pytest.approx(0.1 * np.sqrt(2))
-
-
-@pytest.fixture(scope="module")
-def small_budget(trial, cheap):
-    """The budget where all that was rendered is the truth, and all at once is Table 1."""
-    printed = load_table1().measured
-    images = Images(trial.uv, 0.02, [trial.truths])
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "TABLES", 10)
-        table = module.budget(
-            trial, images, cheap, {"certain": [printed], "as printed": [printed, printed]}
-        )
-    return table.set_index(["registration", "source"])
-
-
-def test_a_sum_is_of_the_sources_that_it_names(small_budget):
-    for registration in REGISTRATIONS:
-        rows = small_budget.loc[registration]
-        for name, some in (
-            ("images", ["noise", "bias"]),
-            ("certain", ["noise", "bias", "calibration", "platform", "printed digits"]),
-        ):
-            total = rows.loc[f"{name}: root of sum of squares"]
-            expected = np.sqrt((rows.loc[some, RMS].astype(float) ** 2).sum())
-            np.testing.assert_allclose(total[RMS].astype(float), expected, rtol=1e-9)
-            assert total["size"] == len(some)
-            assert total[list(MEANS)].isna().all()
-
-
-def test_what_was_rendered_and_what_was_printed_are_held_against_the_truth(small_budget):
-    for registration in REGISTRATIONS:
-        rows = small_budget.loc[registration, [*MEANS, *RMS, "n"]].astype(float)
-        truth = rows.loc["images: rendered and measured"]
-        np.testing.assert_allclose(truth.drop("n"), 0.0, atol=1e-5)  # deg
-        once, twice = (rows.loc[f"{what}: not linearised"] for what in ("certain", "as printed"))
-        np.testing.assert_allclose(once, rows.loc["Table 1"], rtol=1e-9)
-        np.testing.assert_allclose(twice.drop("n"), once.drop("n"), rtol=1e-9)
-        assert (truth["n"], once["n"], twice["n"]) == (1, 1, 2)
-
-
-def test_a_registration_by_all_poses_leaves_least_of_the_positions(small_budget):
-    found = [small_budget.loc[(name, "Table 1"), "rms_E_t_mm"] for name in REGISTRATIONS]
-    assert found[2] < min(found[:2])
-
-
-def test_each_line_says_of_what_kind_it_is(small_budget):
-    kinds = small_budget.loc["none", "kind"]
-    assert list(dict.fromkeys(kinds)) == [
-        "images",
-        "bench",
-        "software",
-        "cameras",
-        "reference",
-        "sum",
-    ]
-    assert kinds[
-        ["bias", "printed digits", "one f", "places", "positions", "Table 1"]
-    ].tolist() == [*("images", "bench", "software", "cameras", "reference", "sum")]
-    assert list(small_budget.columns[-3:]) == ["kind", "n", "seed"]
-
-
-def test_a_row_of_a_mix_in_words():
-    sized = [Source(name, size, unit, None, None) for name, size, unit in MIXED]
-    table = module.mixes_table([Mix(tuple(sized), np.array([0.3, 0.6, 0.5, 0.7]), 1.25)])
-    assert table.iloc[0].to_dict() == {
-        "misfit": 1.25,
-        "sources": "zeros + platform",
-        "sizes": "0.123 deg + 2 mm",
-        **dict(zip(MEANS[:4], (0.3, 0.6, 0.5, 0.7), strict=True)),
-        "n": module.MIX_TABLES,
-        "seed": module.SEED,
-    }
-
-
-def test_what_moves_positions_is_crossed_with_what_turns_poses(trial, cheap, monkeypatch):
-    asked = []
-    monkeypatch.setattr(module, "mix", lambda free, *given: asked.append((free, given)))
-    assert len(module.crossed_mixes(trial, cheap)) == 12
-    assert [[source.name for source in free] for free, _ in asked] == [
-        [moves, *turns]
-        for moves in ("lens", "turned camera", "positions")
-        for turns in (["bias"], ["reference", "mount"], ["zeros"], ["scatter"])
-    ]
-    for _, (given, truths, targets, rows) in asked:
-        assert (given, truths) == (cheap.digits, trial.truths)
-        assert (targets, rows) == (PRINTED, range(20))
-
-
-def test_a_mix_may_take_all_but_what_is_known(trial, cheap, monkeypatch):
-    """Platform and digits have their size; the program has none."""
-    monkeypatch.setattr(module, "mixes", lambda free, given, *_: (free, given))
-    free, given = module.found_mixes(trial, cheap)
-    assert given is cheap.digits
-    assert [source.name for source in free] == [
-        *("noise", "bias", "calibration", "lens", "turned camera", "places"),
-        *("mount", "reference", "zeros", "scatter", "positions"),
-    ]
-
-
 @pytest.fixture
 def one_crossed(trial, cheap, monkeypatch):
     """The twelve crossed mixes are one."""
     mixed = Mix((cheap.cameras[0], cheap.reference[2]), np.ones(4), 1.0)
     monkeypatch.setattr(module, "crossed_mixes", lambda *_: [mixed])
-
-
-def test_every_model_but_the_two_accounts_has_the_digits(trial, cheap, one_crossed):
-    found = module.models(trial, cheap, cheap.images)
-    assert [model.name for model, _ in found] == [
-        "certain",
-        "certain, as printed",
-        "certain, one f, filled up",
-        "lens + zeros",
-        "misaligned on both sides",
-        "clamped anew + images",
-        "clamped anew + images, 2 mm markers",
-        "clamped anew",
-    ]
-    fitted = [list(some) for _, some in found]
-    assert fitted[:-1] == [[]] * 7
-    assert fitted[-1] == [name for name in STATISTICS if name.startswith("offset")]
-    digits = cheap.digits.roots.shape[2]
-    certain = sum(source.roots.shape[2] for source in cheap.certain)
-    assert found[0][0].roots.shape[2] == certain
-    assert found[3][0].roots.shape[2] - digits == (
-        cheap.cameras[0].roots.shape[2] + cheap.reference[2].roots.shape[2]
-    )
-
-
-def test_small_markers_are_rendered_and_err_less(trial, monkeypatch):
-    """What is rendered is a trial of the same poses whose handle has markers of 2 mm."""
-    asked = []
-
-    def rendered(small, draws):
-        asked.append((small, draws))
-        return Images(small.uv, 0.01, [])
-
-    monkeypatch.setattr(module, "rendered", rendered)
-    noise, bias = module.small_markers(trial, 3)
-    ((small, draws),) = asked
-    assert (small.handle.marker_diameter_mm, draws) == (2.0, 3)
-    assert (small.truths, small.rig) == (trial.truths, trial.rig)
-    assert (noise.name, noise.size) == ("pixel noise", 0.01)
-    assert bias.name == "centroid bias"
-    assert bias.size == 0.0  # the centres' own images
 
 
 def test_what_is_filled_up_scatters_as_table_1_does(trial, cheap, one_crossed):
@@ -487,49 +303,3 @@ def test_what_is_filled_up_scatters_as_table_1_does(trial, cheap, one_crossed):
     errors = exact([printed.measured], trial.truths).position_mm[0]
     expected = np.sqrt((without_field(errors, field) ** 2).sum() / 20)
     assert rms == pytest.approx(np.hypot(expected, 0.01 / np.sqrt(2)), rel=0.03)
-
-
-def test_the_patterns_are_those_of_the_models(trial, cheap, one_crossed, monkeypatch):
-    monkeypatch.setattr(module, "PATTERN_TABLES", 39)
-    table = module.patterns_table(trial, cheap, cheap.images)
-    models = module.models(trial, cheap, cheap.images)
-    assert list(dict.fromkeys(table["model"])) == [model.name for model, _ in models]
-    fitted = table[table["fitted"]]
-    assert set(fitted["model"]) == {"clamped anew"}
-    assert set(fitted["statistic"]) == set(models[-1][1])
-    assert (table["n"] == 39).all()
-    shipped = load_sweep("patterns").set_index("statistic")["observed"]
-    for statistic, observed in table.groupby("statistic")["observed"]:
-        np.testing.assert_allclose(observed, shipped[statistic].iloc[0], rtol=1e-4, atol=5e-4)
-
-
-def test_the_four_tables_share_what_was_rendered(monkeypatch):
-    """Four exact tables for each that is rendered, with and without the program as printed."""
-    asked = []
-    calibrated = SimpleNamespace(covariance="C")
-    for name, answer in {
-        "simulated_calibration": calibrated,
-        "rendered": "images",
-        "parts": "parts",
-        "exact_tables": "exact",
-        "budget": "budget",
-        "found_mixes": "found",
-        "mixes_table": "mixes",
-        "patterns_table": "patterns",
-        "small_markers": "small",
-        "smooth_table": "smooth",
-    }.items():
-        monkeypatch.setattr(
-            module, name, lambda *a, name=name, answer=answer: asked.append((name, a)) or answer
-        )
-    assert module.make_tables(3) == ("budget", "mixes", "patterns", "smooth")
-    given = {name: arguments[1:] for name, arguments in asked if name != "exact_tables"}
-    assert given["rendered"] == (3,)
-    assert given["parts"] == ("images", "C")
-    assert given["small_markers"] == (3,)
-    assert given["patterns_table"] == ("parts", "small")
-    assert given["budget"] == ("images", "parts", {"certain": "exact", "as printed": "exact"})
-    assert [a[1:] for name, a in asked if name == "exact_tables"] == [
-        ("images", "C", 12, False),
-        ("images", "C", 12, True),
-    ]

@@ -1,10 +1,5 @@
-"""The run of the protocol: every trial by its frozen number of draws and seed.
-
-python -m workbench.studies claims
-
-makes ``data/claims_results.csv``, and ``data/claims_draws.csv`` with the numbers of each draw. A draw
-is kept as soon as it is made, so that an interruption loses none, and the tables are written after
-each trial.
+"""The run of the protocol: every trial by its frozen number of draws and seed. A table has the results,
+another the numbers of each draw.
 """
 
 from __future__ import annotations
@@ -16,41 +11,44 @@ import numpy as np
 import pandas as pd
 
 from trinolab.checks import Array
-from trinolab.files.outputs import check_targets, write_table
-
-from ..intervals import NONE, Interval, of_ratio, of_share, of_student, ratio
-from .carrier import kept_draws
-from .claim_draws import TRIALS, Draw
-from .protocol import Claim, Trial, frozen_hash, load_claims, load_trials
+from workbench.intervals import NONE, Interval, of_ratio, of_share, of_student, ratio
+from workbench.studies.carrier import all_runs
+from workbench.studies.claim_draws import TRIALS, Draw
+from workbench.studies.protocol import Claim, Trial, frozen_hash, load_claims, load_trials
 
 DRAWS = ("trial", "k", "check", "a", "b")
 COLUMNS = ("check", "trial", "statistic", "value", "low", "high", "n", "draws", "seed")
 
 
-def make_tables(results: Path, every: Path, kept: Path, names: Sequence[str] = ()) -> None:
-    """Run trials, all without `names`, and put what they give into two tables, of the results and of
-    every draw; the rows of other trials stay.
+def make_tables(
+    kept: Path, before: Sequence[Path], names: Sequence[str] = ()
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Run trials, all without `names`, and return two tables, of the results and of every draw.
+
+    Parameters
+    ----------
+    kept : path
+        Folder of finished draws.
+    before : sequence of path
+        The two files as they are: the rows of other trials stay.
+    names : sequence of str
 
     Raises
     ------
     ValueError
-        For an unknown trial, or a file that another process has or that cannot be written.
+        For an unknown trial.
     """
     if unknown := [name for name in names if name not in TRIALS]:
         raise ValueError(f"trial: expected one of {', '.join(TRIALS)}, got {unknown[0]!r}")
-    kept.mkdir(parents=True, exist_ok=True)
+    results, every = (pd.read_csv(path) if path.exists() else None for path in before)
     for name in names or TRIALS:
         trial = load_trials()[name]
-        draws = drawn(name, trial, kept / f"{name}.jsonl")
-        _put(table_of_draws(name, draws), every, name)
-        _put(results_of(name, trial, draws), results, name)
-
-
-def make_tables_in(out: Path, kept: Path, names: Sequence[str]) -> None:
-    """`make_tables` into the files of a folder, each found to be writable first."""
-    results, every = out / "claims_results.csv", out / "claims_draws.csv"
-    check_targets([results, every])
-    make_tables(results, every, kept, names)
+        draws = drawn(name, trial, kept / name)
+        every = _with_rows(every, name, table_of_draws(name, draws))
+        results = _with_rows(results, name, results_of(name, trial, draws))
+    assert results is not None
+    assert every is not None
+    return results, every
 
 
 def table_of_draws(name: str, draws: Sequence[Draw]) -> pd.DataFrame:
@@ -67,18 +65,30 @@ def draws_of(table: pd.DataFrame, name: str) -> list[Draw]:
     return [draws[k] for k in sorted(draws)]
 
 
-def _put(rows: pd.DataFrame, path: Path, name: str) -> None:
-    """Put the rows of a trial into a table, in the place of those that it has."""
-    if path.exists():
-        others = pd.read_csv(path)
-        rows = pd.concat([others[others["trial"] != name], rows])
-    write_table(rows, path)
+def _with_rows(table: pd.DataFrame | None, name: str, rows: pd.DataFrame) -> pd.DataFrame:
+    """The table with these rows of a trial, in the place of those that it has."""
+    return rows if table is None else pd.concat([table[table["trial"] != name], rows])
 
 
-def drawn(name: str, trial: Trial, path: Path) -> list[Draw]:
-    """All draws of a trial, those in the file taken up."""
-    about = {"trial": name, "seed": trial.seed}
-    return kept_draws(path, about, trial.draws, lambda k: TRIALS[name](k, trial.seed), name)
+def drawn(name: str, trial: Trial, kept: Path) -> list[Draw]:
+    """All draws of a trial, those in the folder taken up."""
+    grid = {"trial": [name], "k": range(trial.draws), "seed": [trial.seed]}
+    runs = all_runs(name, one_draw, grid, kept, 1)
+    checks = [column.removesuffix("/a") for column in runs if column.endswith("/a")]
+    return [
+        {check: (run[f"{check}/a"], run[f"{check}/b"]) for check in checks}
+        for run in runs.to_dict("records")
+    ]
+
+
+def one_draw(trial: str, k: int, seed: int) -> dict[str, float]:
+    """The numbers a and b of each check."""
+    pairs = TRIALS[trial](k, seed)
+    return {
+        f"{check}/{name}": x
+        for check, pair in pairs.items()
+        for name, x in zip("ab", pair, strict=True)
+    }
 
 
 def results_of(name: str, trial: Trial, draws: Sequence[Draw]) -> pd.DataFrame:

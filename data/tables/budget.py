@@ -22,16 +22,15 @@ from tqdm import tqdm
 
 from trinolab.bench.optics import Bench
 from trinolab.calibration.target import Board
-from trinolab.checks import Array, as_array
+from trinolab.checks import Array
 from trinolab.datasets import load_calibration, load_handle, load_rig, load_table1
 from trinolab.identity import labelled_pixels
 from trinolab.kalman import covariance_root
 from trinolab.pose import rigid_fit
 from trinolab.rigid import nearest_rotation
-
-from . import error_sources as sources
-from .accounts import clamped_anew, misaligned
-from .deviations import (
+from workbench.studies import error_sources as sources
+from workbench.studies.accounts import clamped_anew, misaligned
+from workbench.studies.deviations import (
     MEANS,
     Errors,
     Source,
@@ -43,8 +42,8 @@ from .deviations import (
     rms,
     together,
 )
-from .error_sources import Trial, make_trial
-from .pattern import (
+from workbench.studies.error_sources import Trial, make_trial
+from workbench.studies.pattern import (
     STATISTICS,
     filled_up,
     largest_size,
@@ -54,8 +53,8 @@ from .pattern import (
     statistics,
     without_field,
 )
-from .replication import replicate
-from .simulated_calibration import simulated_calibration
+from workbench.studies.replication import replicate
+from workbench.studies.simulated_calibration import simulated_calibration
 
 MIX_TABLES = 100  # that are drawn of each source
 _FACTORS = (1e-3, 1e3)  # limits of a size, of what the source is taken for
@@ -115,16 +114,9 @@ def mix(
     rows : sequence of int
         Poses by which the positions are registered, see `registered`; none without it.
     seed : int
-
-    Raises
-    ------
-    ValueError
-        If a target is not positive.
     """
-    wanted = as_array(targets, "targets", (4,))
+    wanted = np.asarray(targets, float)
     rng = np.random.default_rng(seed)
-    if not (wanted > 0).all():
-        raise ValueError(f"targets: expected positive numbers, got {wanted.tolist()}")
     base, *parts = (
         registered(drawn(source, MIX_TABLES, rng), truths, rows) for source in (given, *free)
     )
@@ -166,14 +158,13 @@ def mixes(
     best_mixes = [
         one
         for chosen, one in mixes_by_sources.items()
-        if all(one.misfit < 0.99 * mixes_by_sources[part].misfit for part in _parts_of(chosen))
+        if all(
+            one.misfit < 0.99 * mixes_by_sources[part].misfit
+            for part in combinations(chosen, len(chosen) - 1)
+            if part
+        )
     ]
     return sorted(best_mixes, key=lambda one: one.misfit)
-
-
-def _parts_of(chosen: tuple[int, ...]) -> list[tuple[int, ...]]:
-    """The choices with one member less."""
-    return list(combinations(chosen, len(chosen) - 1)) if len(chosen) > 1 else []
 
 
 class Images(NamedTuple):
@@ -294,13 +285,7 @@ def line(source: Source, trial: Trial, rows: Sequence[int] = ()) -> dict[str, fl
     """
     tables = registered(drawn(source, TABLES, _rng()), trial.truths, rows)
     errors = first_order(tables, trial.truths)
-    return {
-        "source": source.name,
-        "size": source.size,
-        "unit": source.unit,
-        **_columns(means(errors), rms(errors)),
-        "n": TABLES,
-    }
+    return _line(source.name, source.size, source.unit, means(errors), rms(errors), TABLES)
 
 
 def budget(
@@ -522,31 +507,22 @@ def _measured_line(
     name: str, tables: Sequence[RigidTransform], trial: Trial, rows: Sequence[int]
 ) -> dict[str, float | str]:
     errors = exact([_laid(poses, trial.truths, rows) for poses in tables], trial.truths)
-    return {
-        "source": name,
-        "size": len(tables),
-        "unit": "tables",
-        **_columns(means(errors), rms(errors)),
-        "n": len(tables),
-    }
+    return _line(name, len(tables), "tables", means(errors), rms(errors), len(tables))
 
 
 def _quadrature(name: str, lines: Sequence[Mapping[str, float | str]]) -> dict[str, float | str]:
     total = np.sqrt(
         np.sum([[float(line[f"rms_{column}"]) ** 2 for column in MEANS] for line in lines], axis=0)
     )
-    return {
-        "source": name,
-        "size": len(lines),
-        "unit": "sources",
-        **_columns(np.full(5, np.nan), total),
-        "n": TABLES,
-    }
+    return _line(name, len(lines), "sources", np.full(5, np.nan), total, TABLES)
 
 
-def _columns(mean: Array, root_mean_square: Array) -> dict[str, float]:
+def _line(
+    source: str, size: float, unit: str, mean: Array, root_mean_square: Array, n: int
+) -> dict[str, float | str]:
     names = (*MEANS, *(f"rms_{name}" for name in MEANS))
-    return dict(zip(names, (*mean, *root_mean_square), strict=True))
+    errors = dict(zip(names, (*mean, *root_mean_square), strict=True))
+    return {"source": source, "size": size, "unit": unit, **errors, "n": n}
 
 
 def _laid(poses: RigidTransform, truths: RigidTransform, rows: Sequence[int]) -> RigidTransform:

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from budget import mix, mixes
 
 from trinolab.datasets import load_handle, load_rig, load_table1
-from workbench.studies.budget import mix, mixes
 from workbench.studies.deviations import Source, drawn, first_order, means, together
 from workbench.studies.error_sources import (
     askew,
@@ -83,8 +83,3 @@ def test_a_scaled_source_is_larger_in_all_it_holds():
     assert (twice.name, twice.size, twice.unit) == ("s", 6.0, "px")
     np.testing.assert_array_equal(twice.fixed, 3 * source.fixed)
     np.testing.assert_array_equal(twice.roots, 3 * source.roots)
-
-
-def test_targets_must_be_positive(trial):
-    with pytest.raises(ValueError, match="targets: expected positive"):
-        mix([platform(trial)], printed_digits(trial), TRUTHS, [0.3, 0.0, 0.5, 0.6])

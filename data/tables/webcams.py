@@ -1,10 +1,7 @@
-"""What three webcams see of a printed rod, by the rod, its markers and the lens: webcams.csv.
+"""Three webcams and a printed rod, by the rod, its markers and the lens.
 
-    python -m workbench.studies webcams
-
-makes the table again. Two webcams stand side by side and look at the place where the rod is held, a
-third one 40 deg above them; poses are drawn around that place, and each is measured by itself, without
-knowing where the rod was before. The calibration is exact.
+Two webcams stand side by side and look at the place where the rod is held, a third one 40 deg above
+them; poses are drawn around that place, and each is measured by itself. The calibration is exact.
 """
 
 from __future__ import annotations
@@ -12,9 +9,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 from scipy.spatial.transform import RigidTransform, Rotation
-from tqdm import tqdm
 
 from trinolab.bench.motion import random_pose
 from trinolab.bench.optics import Bench
@@ -26,11 +21,10 @@ from trinolab.handle import Handle
 from trinolab.measurement import measure
 from trinolab.methods import BEST
 from trinolab.metrics import geodesic_deg, position_errors
-
-from ..classkit.wrap import wrapped
-from ..intervals import of_mean, of_share
-from .carrier import columns_of_mean
-from .replication import CHECKED, EVERY
+from workbench.classkit.wrap import wrapped
+from workbench.intervals import of_mean, of_share
+from workbench.studies.carrier import Row, Table, columns_of_mean
+from workbench.studies.replication import CHECKED, EVERY
 
 DISTANCE_MM, BASELINE_MM, ELEVATION_DEG = 500.0, 200.0, 40.0
 SEED = 27
@@ -104,19 +98,21 @@ def rod_poses(rig: Rig, count: int = POSES, seed: int = SEED) -> RigidTransform:
     return RigidTransform.concatenate([T_bench_ccd1.inv() * T for T in drawn])
 
 
-def cell(webcam: Webcam, rod_mm: float, marker_mm: float) -> list[dict[str, float | str]]:
-    """One webcam and one rod: a row an estimator.
+def cell(webcam: int, rod: int) -> list[Row]:
+    """A row an estimator of one of `WEBCAMS` and one of `RODS_MM`.
 
     Columns: the setting; `marker_px`, the marker's diameter in the image at the distance of the
     place; `n`, poses; `measured`, the share that has a pose, and `wrong`, the share of those that is
     more than 3 mm off; mean errors of the others; 95 % intervals.
     """
-    rig = webcam_rig(webcam)
+    size, focal_px = WEBCAMS[webcam]
+    rod_mm, marker_mm = RODS_MM[rod]
+    rig = webcam_rig(WEBCAMS[webcam])
     handle = wrapped(load_handle("coded"), rod_mm, marker_mm)
     poses = rod_poses(rig)
-    rng = np.random.default_rng([SEED, round(webcam.focal_px), round(10 * rod_mm)])
+    rng = np.random.default_rng([SEED, round(focal_px), round(10 * rod_mm)])
     taken = [render_rig(rig, handle, poses[k], BENCH, rng) for k in range(len(poses))]
-    rows = []
+    rows: list[Row] = []
     for estimator in ESTIMATORS:
         errors = [
             _error(frames, rig, handle, estimator, poses[k]) for k, frames in enumerate(taken)
@@ -125,11 +121,11 @@ def cell(webcam: Webcam, rod_mm: float, marker_mm: float) -> list[dict[str, floa
         right = measured[measured[:, 0] < WRONG_MM]
         share = of_share(len(measured), len(poses))
         row: dict[str, float | str] = {
-            "width_px": webcam.size[0],
-            "focal_px": webcam.focal_px,
+            "width_px": size[0],
+            "focal_px": focal_px,
             "rod_mm": rod_mm,
             "marker_mm": marker_mm,
-            "marker_px": webcam.focal_px * marker_mm / DISTANCE_MM,
+            "marker_px": focal_px * marker_mm / DISTANCE_MM,
             "estimator": estimator,
             "n": len(poses),
             "seed": SEED,
@@ -158,7 +154,12 @@ def _error(
     return float(position_errors(estimated, true)[0]), float(geodesic_deg(estimated, true)[0])
 
 
-def make_table() -> pd.DataFrame:
-    """Every webcam with every rod."""
-    settings = [(webcam, *rod) for webcam in WEBCAMS for rod in RODS_MM]
-    return pd.DataFrame([row for setting in tqdm(settings) for row in cell(*setting)])
+TABLES = [
+    Table(
+        "webcams",
+        cell,
+        [{"webcam": range(len(WEBCAMS)), "rod": range(len(RODS_MM))}],
+        by=("width_px", "rod_mm", "marker_mm", "estimator"),
+        again={"webcam": 0, "rod": 4},
+    )
+]
