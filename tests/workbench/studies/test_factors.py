@@ -10,7 +10,7 @@ from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from workbench.studies import factors, replication
 from workbench.studies.factors import DISTANCES_MM, FACTORS, at_distance, table1_setup
-from workbench.studies.replication import replicate_table1
+from workbench.studies.replication import EVERY, replicate_table1
 
 
 @pytest.fixture(scope="module")
