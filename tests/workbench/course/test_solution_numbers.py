@@ -220,7 +220,7 @@ def test_weights_for_noise_and_for_images():
         "08.7",
         f"has {by_plain:.2f} times the error of the plain one (95 %: {low:.2f} to {high:.2f}",
     )
-    says("08.7", f"where the plain mean has {by_alone:.2f} of it")
+    says("08.7", f"where the plain mean has {by_alone:.2f} times that error")
     assert half == pytest.approx(0.5, abs=0.05)
 
     ratios = []
