@@ -143,7 +143,7 @@ def test_plain_centroids_of_all_views():
 
     def plainly(rig):
         mm, deg = np.mean(errors[rig, "paper"], axis=0)
-        return f"where the paper's fit has {mm:.3f} mm and {deg:.2f}°"
+        return f"where the paper's fit gives {mm:.3f} mm and {deg:.2f}°"
 
     two, all_three = (" and ".join(quoted(rig, "plain")) for rig in (pair, three))
     says("10.3", f"we get {two} for the pair, {plainly(pair)};")
