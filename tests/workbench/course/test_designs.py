@@ -144,7 +144,7 @@ def test_a_mapping_for_a_fine_task():
     after, slow = 100 * 0.12, 0.2 / 0.12
     agrees("11.8", scale=scale, strokes=strokes, after_mm=after, slow_mm_s=slow)
     says("11.8", f"$0.2/0.31 = {scale:.3f}$", f"a stroke is {scale * 120:.0f} mm of the tool")
-    says("11.8", f"by {after:.0f} mm at 100 mm/s, and by 0.2 mm at {slow:.1f} mm/s")
+    says("11.8", f"travels {after:.0f} mm at 100 mm/s, and 0.2 mm at {slow:.1f} mm/s")
 
 
 def test_a_force_that_is_shown():

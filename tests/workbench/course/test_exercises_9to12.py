@@ -281,7 +281,9 @@ def test_the_clutch_is_the_package_s():
 
 def test_scale_and_alignment():
     scale, strokes = strokes_needed([150, 120, 100], [300, 60, 200], 0.31, 0.1)
-    says("11.2", f"the scale is at most {scale:.2f}, and the way to the right takes seven strokes")
+    says(
+        "11.2", f"the scale is at most {scale:.2f}, and the travel to the right takes seven strokes"
+    )
     assert strokes == 7
     assert strokes_needed([150, 120, 100], [300, 60, 200], 0.31, 2 * 0.31) == (2, 1)
     says("11.2", f"scale 2, and {2 * 0.31:.2f} mm at the tool")

@@ -424,6 +424,6 @@ def test_what_three_say_of_the_fourth():
     agrees("10.6", two_px=two, three_px=three, pair_wins=wins)
     gives("10.6", two_px=medians[2].min(axis=1).mean())
     gives("10.6", two_px=squares[2].mean(), three_px=squares[3].mean())
-    says("10.6", f"predict the other one to {two:.2f} px, three to {three:.2f} px")
+    says("10.6", f"predict another one to {two:.2f} px, three to {three:.2f} px")
     says("10.6", "for three of the four cameras the best pair does better")
     assert wins == 3

@@ -220,7 +220,7 @@ def test_weights_for_noise_and_for_images():
         "08.7",
         f"has {by_plain:.2f} times the error of the plain one (95 %: {low:.2f} to {high:.2f}",
     )
-    says("08.7", f"where the plain mean has {by_alone:.2f} of it")
+    says("08.7", f"where the plain mean has {by_alone:.2f} times that error")
     assert half == pytest.approx(0.5, abs=0.05)
 
     ratios = []
@@ -305,20 +305,20 @@ def test_a_smaller_board():
     )
     says(
         "07.4",
-        f"by the factor {small_mm / usual_mm:.1f}: "
-        f"{small_mm:.3f} mm (95 %: {low:.3f} to {high:.3f}) in place of "
+        f"by a factor of {small_mm / usual_mm:.1f}: "
+        f"{small_mm:.3f} mm (95 %: {low:.3f} to {high:.3f}) instead of "
         f"{usual_mm:.3f} mm ({low_usual:.3f} to {high_usual:.3f}; n = 30 each, seed 1703)",
     )
     focal_px = [np.mean([one.intrinsic_sigma[:, :2] for one in found]) for found in (usual, small)]
-    says("07.4", f"double, from {focal_px[0]:.2f} to {focal_px[1]:.2f} px in the mean over both")
+    says("07.4", f"double, from {focal_px[0]:.2f} to {focal_px[1]:.2f} px on average over both")
     depth_mm = [
         np.mean([np.sqrt(one.relative_covariance(1)[2, 2]) for one in found])
         for found in (small, usual)
     ]
-    says("07.4", f"is known {depth_mm[0] / depth_mm[1]:.1f} times worse, to {depth_mm[0]:.3f} in")
-    says("07.4", f"in place of {depth_mm[1]:.3f} mm.")
+    says("07.4", f"a standard deviation {depth_mm[0] / depth_mm[1]:.1f} times as large, ")
+    says("07.4", f"as large, {depth_mm[0]:.3f} instead of {depth_mm[1]:.3f} mm.")
     chi = [with_interval([chi_square(one) for one in found], 1) for found in (small, usual)]
-    says("07.4", f"stays near 6: {chi[0]} in place of {chi[1]}")
+    says("07.4", f"stays near 6: {chi[0]} instead of {chi[1]}")
     says("07.2", f"From {usual_mm:.3f} mm at 14 to 0.031 mm is a factor of {usual_mm / 0.031:.1f}")
 
 

@@ -42,7 +42,7 @@ def test_what_a_stricter_level_needs():
     says("09.5", f"by the number of tests, {len(tested)}, so that nothing falls below")
     says("09.5", f"nothing falls below {len(tested) * least:.3f}")
     asked = {name: one.value for name, one in exercise("09.5").asked.items()}
-    says("09.5", f"{asked['clampings']} clampings in place of 6, and {asked['near']} poses beyond")
+    says("09.5", f"{asked['clampings']} clampings instead of 6, and {asked['near']} poses beyond")
     usual = (tested.groupby("model").p_holm.min() >= 0.05).sum()
     (told,) = (one.gives["left"] for one in exercise("09.5").mistakes if one.gives.get("left"))
     assert told == usual
@@ -143,7 +143,7 @@ def test_plain_centroids_of_all_views():
 
     def plainly(rig):
         mm, deg = np.mean(errors[rig, "paper"], axis=0)
-        return f"where the paper's fit has {mm:.3f} mm and {deg:.2f}°"
+        return f"where the paper's fit gives {mm:.3f} mm and {deg:.2f}°"
 
     two, all_three = (" and ".join(quoted(rig, "plain")) for rig in (pair, three))
     says("10.3", f"we get {two} for the pair, {plainly(pair)};")
