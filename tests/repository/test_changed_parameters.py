@@ -120,7 +120,7 @@ def test_the_other_rod_has_other_points_and_one_pose():
         int(re.match(r"(\d+) points from pairs", printed(found, "structure-32"))[1])
         for found in (ours, other)
     ]
-    says("01.4", f"There are {points[1]} points from pairs in place of {points[0]}.")
+    says("01.4", f"There are {points[1]} points from pairs instead of {points[0]}.")
     asked = {name: one.value for name, one in exercise("01.4").asked.items()}
     assert asked["points"] == points[1]
     (table,) = (
