@@ -88,7 +88,7 @@ def test_a_bench_for_a_volume():
     assert triangulate_pair(*pair, *uv)[:, 2].std() == pytest.approx(best, rel=0.05)
     says(
         "02.7",
-        f"there asks for $B \\ge {shortest:.1f}$ mm",
+        f"there requires $B \\ge {shortest:.1f}$ mm",
         f"there are {longest - shortest:.0f} mm",
     )
     says("02.7", f"the far end is known to {best:.3f} mm")

@@ -102,7 +102,7 @@ def test_who_sees_the_board():
     says("02.6", f"{shares[2]:.2f} % are seen by two cameras or more, {shares[3]:.2f} % by three")
     says("02.6", f"{shares[4]:.2f} % by all four", f"share {shared[best]} corners")
     says("02.6", f"axes are {angle_deg(*best):.1f}° apart")
-    says("02.6", f"{angle_deg(0, 2):.0f}° apart, see nearly the same and share {shared[0, 2]}")
+    says("02.6", f"{angle_deg(0, 2):.0f}° apart, see nearly the same region and share {shared[0, 2]}")
 
 
 @needs("opencv_stereo")
