@@ -34,11 +34,12 @@ lab: .venv/package.done  ## open the chapters in JupyterLab
 	@$(BIN)/jupyter-lab --ServerApp.root_dir=. --LabApp.default_url=/lab/tree/notebooks \
 	    --LabApp.extra_labextensions_path="$(CURDIR)/book/lab" $(if $(filter 0,$(shell id -u)),--allow-root)
 
-lint: .venv/package.done  ## check style and types, and print the lines of code
+lint: .venv/package.done  ## check style, types, imports and prose, and print the lines of code
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports --no-logo
+	@$(BIN)/python tests/helpers/prose.py
 	@$(BIN)/python tests/helpers/size.py
 
 student: book  ## the course for students, pages, notebooks and package without solutions: _build/student.zip

@@ -40,8 +40,8 @@ name                  equations    what it is
 
 Where a rig or a handle is asked for, a value, its file or the name of a shipped one will do:
 ``trinolab.measure(frames, "raised_40deg", "coded")``. `measure`, `track` and the commands take the
-estimator ``best`` unless they are told otherwise, as by ``Parameters(estimator="paper")``; the
-functions of the chain, behind `tracker` and in `measurement`, are the paper's.
+estimator ``best`` unless another one is named, as by ``Parameters(estimator="paper")``; `tracker`
+is the paper's.
 
 ``trinolab eq 18`` says for an equation which function it is, in which file and line, which test holds
 it and which chapter derives it.
@@ -66,7 +66,7 @@ if TYPE_CHECKING:
     from . import background as background
     from . import kalman as kalman
     from . import tracker as tracker
-    from .bench.recordings import render as render
+    from .bench.rendering import render as render
     from .calibration.calibrate import calibrate_rig as calibrate  # noqa: F401
     from .calibration.target import Target as Target
     from .camera import Camera as Camera
@@ -85,10 +85,10 @@ if TYPE_CHECKING:
     from .handle import Handle as Handle
     from .markers import find_markers as find_markers
     from .matching import match as match
+    from .measurement import measure as measure
     from .metrics import pose_errors as pose_errors
     from .parameters import Parameters as Parameters
     from .pose import rigid_fit as rigid_fit
-    from .single import measure_instant as measure  # noqa: F401
     from .slave import mapping as mapping
     from .triangulation import triangulate as triangulate
     from .workspace.intersection import intersect as intersect
@@ -114,7 +114,7 @@ FACE = {
     "intersect": "trinolab.workspace.intersection:intersect",
     "Target": "trinolab.calibration.target:Target",
     "calibrate": "trinolab.calibration.calibrate:calibrate_rig",
-    "render": "trinolab.bench.recordings:render",
+    "render": "trinolab.bench.rendering:render",
     "read_recording": "trinolab.files.recording:open_folder",
     "Parameters": "trinolab.parameters:Parameters",
     "background": "trinolab.background",
@@ -123,7 +123,7 @@ FACE = {
     "match": "trinolab.matching:match",
     "triangulate": "trinolab.triangulation:triangulate",
     "rigid_fit": "trinolab.pose:rigid_fit",
-    "measure": "trinolab.single:measure_instant",
+    "measure": "trinolab.measurement:measure",
     "tracker": "trinolab.tracker",
     "track": "trinolab.following.track:track_folder",
     "refine": "trinolab.following.refine:refine_folder",

@@ -1,5 +1,5 @@
-"""What moves in an image: the difference from a background, and the background's renewal (Eq. 5-6,
-Sect. 4.1).
+"""The moving part of an image: the difference from a background, and the background's renewal (Eq.
+5-6, Sect. 4.1).
 
 The background is an array that is passed in and returned: float32, or float64 if it was that
 already. Where the light on the scene has changed, its factor is estimated first (beyond the paper).
@@ -100,9 +100,7 @@ class Difference(NamedTuple):
 
 
 class Detection(NamedTuple):
-    """What one instant's frame shows to move: see `Difference`, and W_ROI, None if nothing
-    moves.
-    """
+    """The moving part of one frame: see `Difference`, and W_ROI, None if nothing moves."""
 
     image: np.ndarray
     mask: np.ndarray
@@ -137,7 +135,7 @@ def difference(
 def has_moved(
     grey: Array, background: Array, difference_threshold: float, shadow_share: float
 ) -> np.ndarray:
-    """Which pixels `difference` keeps; images of one float type, unchecked (Eq. 5)."""
+    """The pixels that `difference` keeps, bool; images of one float type, unchecked (Eq. 5)."""
     change = grey - background
     mask = change > difference_threshold
     if change.min() < -difference_threshold:  # else there is no shadow to tell from what moved
@@ -189,7 +187,7 @@ def update(
 
 
 def renewed(background: Array, grey: Array, update_rate: float) -> Array:
-    """What `update` makes of a background; arrays of one float type, unchecked (Eq. 6)."""
+    """The renewed background, as `update` gives it; arrays of one float type, unchecked (Eq. 6)."""
     new = background * (1 - update_rate)
     new += grey * update_rate
     return new
@@ -318,7 +316,7 @@ def _compared(
 def _by_equations(
     frame: np.ndarray, background: np.ndarray, gain: float, p: BackgroundParameters
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What `pixel_loops.compare_and_renew` does, by Eq. 5 and Eq. 6 one after the other."""
+    """The result of `pixel_loops.compare_and_renew`, by Eq. 5 and Eq. 6 one after the other."""
     expected = background * gain
     # f_k against what a camera can show of f_b
     image, mask = difference(
@@ -329,7 +327,8 @@ def _by_equations(
 
 
 def light_gain(frame: ArrayLike, background: ArrayLike, step: int = 8) -> float:
-    """How much brighter the light has become: the commonest ratio of frame to background.
+    """The factor by which the light has become brighter: the commonest ratio of frame to
+    background.
 
     One factor for all of the image. What has not moved agrees on it, even where it is less than
     half of the image; the ratios of what has moved are spread.
@@ -354,13 +353,13 @@ def light_gain(frame: ArrayLike, background: ArrayLike, step: int = 8) -> float:
 
 
 def commonest_ratio(frame: np.ndarray, background: np.ndarray, step: int = 8) -> float:
-    """What `light_gain` finds in images that are checked."""
+    """The result of `light_gain` for images that are checked."""
     base = np.ascontiguousarray(background[::step, ::step])
     few = frame[::step, ::step].astype(base.dtype)
-    told = (base > DARK) & (few > 0) & (few < WHITE)
-    if not told.any():
+    usable = (base > DARK) & (few > 0) & (few < WHITE)
+    if not usable.any():
         return 1.0
-    logs = np.log(few[told] / base[told])
+    logs = np.log(few[usable] / base[usable])
     # The cells rise with the ratio; the first and the last one take all that is beyond.
     cells = _BINS * _CELLS
     cell = np.clip((logs / _MOST + 1) * (cells / 2) + 1, 0, cells + 1).astype(np.intp)

@@ -1,5 +1,4 @@
-"""Where an image may hold a bright marker, and what is there: contours, spots that stand out, one
-blob (Sect. 5.1).
+"""Candidates for bright markers in an image: contours, spots that stand out, one blob (Sect. 5.1).
 
 Contours show every marker that is brighter than all noise, at little cost; where there is noise
 they cost most and show least. So a large image is searched at half its size, thresholds that show
@@ -34,7 +33,7 @@ RAYS = (
 
 
 class Places(NamedTuple):
-    """Where n blobs may be: centre (n, 2), px; how far (n,) one may reach, px; threshold (n,) that
+    """Candidate places of n blobs: centre (n, 2), px; largest radius (n,), px; threshold (n,) that
     shows it, or inf.
     """
 
@@ -132,8 +131,8 @@ def places(
     diameter_px: tuple[float, float],
     min_contrast: float,
 ) -> Places:
-    """Where markers may be: the contours `found` at each threshold, and what stands out; each place
-    once.
+    """Candidate places of markers: the contours `found` at each threshold, and spots that stand
+    out; each place once.
 
     A pixel of `image` is `scale` pixels of the whole one a side, for which the diameters are given.
     """
@@ -294,7 +293,7 @@ def _of_contours(
 
 
 def _of_spots(image: np.ndarray, scale: int, largest: float, least: float) -> Places:
-    """What stands out by `least` grey levels in the image at a quarter of its size, an eighth,
+    """Spots that stand out by `least` grey levels in the image at a quarter of its size, an eighth,
     ...
     """
     spots = [np.zeros((4, 0))]
@@ -322,7 +321,7 @@ def _of_spots(image: np.ndarray, scale: int, largest: float, least: float) -> Pl
 
 
 def _rise(image: np.ndarray) -> np.ndarray:
-    """By how much a pixel is brighter than the darker of two opposite neighbours 2 px away,
+    """Grey levels by which a pixel exceeds the darker of two opposite neighbours 2 px away,
     whichever way they lie.
     """
     grey = cv2.blur(image, (3, 3))

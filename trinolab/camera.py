@@ -321,7 +321,7 @@ def ideal_pixels_of(camera: Camera, uv: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class RigCovariance:
-    """How well the cameras of a rig are known: the covariance of all their parameters.
+    """The uncertainty of a rig: the covariance of all parameters of its cameras.
 
     Attributes
     ----------
@@ -357,7 +357,9 @@ class RigCovariance:
 
     @classmethod
     def exact(cls, names: Sequence[str]) -> RigCovariance:
-        """Of cameras that are known exactly, as those of simulated images are: zeros."""
+        """The covariance of cameras that are known exactly, as those of simulated images are:
+        zeros.
+        """
         n = len(CAMERA_PARAMETERS) * len(names)
         return cls(tuple(names), np.zeros((n, n)))
 
@@ -500,8 +502,8 @@ def _displaced(camera: Camera, delta: Array) -> Camera:
 
 
 def difference(rig: Rig, start: Rig) -> Array:
-    """By what the cameras of a rig differ from those of another one, shape (cameras, 15): the
-    vector that `displaced` takes.
+    """Differences of a rig's cameras from those of another rig, shape (cameras, 15): the vector
+    that `displaced` takes.
     """
     rows = []
     for camera, reference in zip(rig.cameras, start.cameras, strict=True):

@@ -101,8 +101,8 @@ def load_calibration() -> Calibration:
 
 
 def load_real_sets() -> dict[str, RealSet]:
-    """What is known about the real recordings made by others, by name: origin, licence, files,
-    published results.
+    """Entries of the real recordings made by others, by name: origin, licence, files, published
+    results.
     """
     return read_real_sets(data_path("real.toml"))
 
@@ -217,12 +217,12 @@ def _file_meant(folder: str, kind: str, what: str | Path) -> Path:
 
 
 def _briefly(what: object) -> str:
-    """What came in the place of a rig or a handle, without its numbers."""
+    """A short description of what was given in the place of a rig or a handle, without its numbers."""
     return f"a {type(what).__name__}" if isinstance(what, Rig | Handle) else f"{what!r:.60}"
 
 
 def _exchanged(folder: str, what: str | Path) -> str:
-    """Says so if a word names a rig where a handle is expected, or the other way round."""
+    """A hint if a word names a rig where a handle is expected, or the other way round; else empty."""
     other = "rigs" if folder == "handles" else "handles"
     if str(what) not in _shipped(other):
         return ""

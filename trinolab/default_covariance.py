@@ -58,25 +58,25 @@ _BASELINES_AWAY, _PULL = 5.0, 1e-3
 
 
 def known_covariance(rig: Rig) -> RigCovariance:
-    """How well a rig is known: what it states, else its `default_covariance`."""
+    """The covariance that a rig states, else its `default_covariance`."""
     return default_covariance(rig) if rig.covariance is None else rig.covariance
 
 
 def known_placement_mm(handle: Handle) -> float:
-    """How well a handle's markers are placed: what it states, else `PLACEMENT_MM`."""
+    """The standard deviation of marker placement that a handle states, else `PLACEMENT_MM`."""
     stated = handle.placement_sigma_mm
     return PLACEMENT_MM if stated is None else stated
 
 
 def known_scale_share(handle: Handle) -> float:
-    """How well a handle's size is known, as a share of it: `SCALE_SHARE`, or exactly where its file
-    states how well the markers are placed.
+    """The relative uncertainty of a handle's size: `SCALE_SHARE`, or zero where its file states how
+    well the markers are placed.
     """
     return SCALE_SHARE if handle.placement_sigma_mm is None else 0.0
 
 
 def assumed(rig: Rig, handle: Handle, rig_file: object, handle_file: object) -> list[str]:
-    """What was assumed of a rig and a handle whose files state nothing: a line for each."""
+    """A line for each assumption about a rig and a handle whose files state nothing."""
     lines = []
     if rig.covariance is None:
         low, high = _image_px(rig) * np.sqrt(FREEDOM / chdtri(FREEDOM, MIDDLE_HALF))

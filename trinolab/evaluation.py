@@ -1,4 +1,4 @@
-"""What ``trinolab evaluate`` does: poses compared with their truth, from files or tables.
+"""The command ``trinolab evaluate``: poses compared with their truth, from files or tables.
 
 Beside the mean errors stands what they do not show: flips between equivalent poses, poses far off,
 and time lost.
@@ -49,7 +49,7 @@ STEEP_DEG = 60.0  # of beta: alpha's and gamma's errors grow by 1 / cos(beta), t
 
 @dataclass(frozen=True)
 class TrackQuality:
-    """How well a track follows its truth.
+    """The quality of a track that follows its truth.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class TrackQuality:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """How a table of poses compares with its truth.
+    """A comparison of a table of poses with its truth.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Evaluation:
     visible, visible_measured : int
         Instants at which one camera truly sees four markers, or two see three each, and how many of
         them are measured; 0 if the truth does not say how many markers are seen. What two cameras
-        see stands in a file beside it, ``truth_markers.csv``, as `bench.recordings` writes it.
+        see stands in a file beside it, ``truth_markers.csv``, as `bench.rendering` writes it.
     track : TrackQuality
         Of the `measured` rows: flips, poses far off, losses. A loss counts the visible instants, if
         they are known.
@@ -224,7 +224,7 @@ def _angle_deg(poses: RigidTransform, truth: RigidTransform, handle: Handle) -> 
 
 
 def as_lines(result: Evaluation) -> list[str]:
-    """What a person reads of an evaluation."""
+    """The lines of an evaluation, for a person to read."""
     lines = [f"instants   {result.instants:8d}"]
     for status in STATUSES:
         count = getattr(result, status)
@@ -294,7 +294,7 @@ def _visible(true: pd.DataFrame, counts: Path | None) -> np.ndarray:
         return by_one
     seen = read_csv(counts)
     if "frame" not in seen or not all(map(pd.api.types.is_numeric_dtype, seen.dtypes)):
-        raise ValueError(f"{counts}: expected numbers in the column frame and one a camera")
+        raise ValueError(f"{counts}: expected numbers in the column frame and one per camera")
     enough = can_be_measured(seen.drop(columns="frame").to_numpy())
     return by_one | true["frame"].isin(seen["frame"][enough]).to_numpy()
 

@@ -88,7 +88,7 @@ class Handle:
         object.__setattr__(self, "columns_deg", _as_numbers(self.columns_deg, "columns_deg"))
         if not isinstance(self.rows_mm, Sequence) or len(self.rows_mm) != len(self.columns_deg):
             raise ValueError(
-                f"rows_mm: expected {len(self.columns_deg)} lists, one a column, got {self.rows_mm!r}"
+                f"rows_mm: expected {len(self.columns_deg)} lists, one per column, got {self.rows_mm!r}"
             )
         rows = tuple(_as_numbers(row, f"rows_mm[{k}]") for k, row in enumerate(self.rows_mm))
         object.__setattr__(self, "rows_mm", rows)
@@ -109,7 +109,7 @@ class Handle:
 
     @cached_property
     def stated_centres(self) -> Array:
-        """Where columns and rows have the markers' centres, handle frame, shape (n, 3), mm."""
+        """The markers' centres by columns and rows, handle frame, shape (n, 3), mm."""
         axial = np.concatenate([np.array(row) for row in self.rows_mm])
         return frozen(on_cylinder(self.radius_mm, self.stated_angles, axial))
 
@@ -156,15 +156,6 @@ class Handle:
             if _keeps_markers(self, T) and all(apart(T, other, 1e-6, 1e-6) for other in motions):
                 motions.append(T)
         return tuple(motions)
-
-
-def as_handle(value: object, name: str = "handle") -> Handle:
-    """Check that something is a handle; ValueError says how one is had by its name."""
-    if not isinstance(value, Handle):
-        raise ValueError(
-            f"{name}: expected a Handle, as trinolab.load_handle gives, got {value!r:.60}"
-        )
-    return value
 
 
 def slants(handle: Handle, T_world_handle: RigidTransform, viewpoint: Array) -> Array:

@@ -141,8 +141,8 @@ def track(
 def search_window(
     state: State, window: Window, size: tuple[int, int], parameters: KalmanParameters | None = None
 ) -> Window | None:
-    """Where to look for a target next: its last window, moved to the predicted position and grown
-    by the gate.
+    """The window to search for a target next: its last window, moved to the predicted position and
+    grown by the gate.
 
     Parameters
     ----------
@@ -251,7 +251,7 @@ def _steps(
     R: ArrayLike,
     gate_probability: float | None,
 ) -> list[Step]:
-    """What `run` does at each instant: predicted, updated, NIS, used."""
+    """The steps of `run`, one per instant: predicted, updated, NIS, used."""
     n = len(as_array(start[0], "mean", (None,)))
     k = len(measurements)
     state = State(*start)

@@ -140,9 +140,7 @@ class KalmanParameters:
 
 
 class State(NamedTuple):
-    """What is known of the state: its mean, shape (n,), and the covariance of its error, shape (n,
-    n).
-    """
+    """A state estimate: its mean, shape (n,), and the covariance of its error, shape (n, n)."""
 
     mean: Array
     covariance: Array

@@ -24,7 +24,7 @@ LARGEST_REACH_PX = 1e6  # beyond any image, and still a whole number in a loop
 
 @dataclass(frozen=True)
 class MarkerParameters:
-    """What passes for a marker in an image.
+    """Criteria for a marker in an image.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ class Markers:
 
 
 class Blob(NamedTuple):
-    """What may be a marker, as measured."""
+    """A blob that may be a marker, as measured."""
 
     u: float
     v: float
@@ -205,7 +205,7 @@ def _search(
 def _once_each(
     image: np.ndarray, where: blobs.Places, most: int, p: MarkerParameters
 ) -> list[Blob]:
-    """What is like a marker, each once, by falling contrast as it seems from afar."""
+    """Blobs like a marker, each once, by falling contrast as it seems from afar."""
     # how often, of every second pixel
     tried = np.zeros((image.shape[0] // 2 + 2, image.shape[1] // 2 + 2), np.uint8)
     blobs_found: list[Blob] = []
@@ -272,7 +272,7 @@ def markers_at(
 
 
 def _first_blob(image: np.ndarray, candidate: blobs.Candidate, p: MarkerParameters) -> Blob | None:
-    """What is like a marker at a place, at the first of its thresholds that shows it."""
+    """The blob at a place, at the first of its thresholds that shows one like a marker."""
     for threshold in candidate.thresholds:
         blob = blob_at(image, candidate.uv, candidate.reach, threshold, p)
         if blob is not None:
@@ -283,7 +283,7 @@ def _first_blob(image: np.ndarray, candidate: blobs.Candidate, p: MarkerParamete
 def blob_at(
     image: np.ndarray, uv: tuple[float, float], reach: float, threshold: float, p: MarkerParameters
 ) -> Blob | None:
-    """What exceeds a threshold at a place, or None if it is not like a marker."""
+    """The blob above a threshold at a place, or None if it is not like a marker."""
     cut = blobs.cut_out(image, uv, reach, threshold)
     if cut is None:
         return None

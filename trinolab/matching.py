@@ -1,5 +1,5 @@
-"""Which marker of one image is which of another: epipolar gate, grey correlation, ordering,
-uniqueness (Sect. 5.2).
+"""Matches between the markers of two images: epipolar gate, grey correlation, ordering, uniqueness
+(Sect. 5.2).
 """
 
 from __future__ import annotations

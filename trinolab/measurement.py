@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -11,16 +12,17 @@ from scipy.spatial.transform import RigidTransform
 
 from .camera import Rig, as_rig
 from .checks import as_image, frozen
+from .datasets import handle_of, rig_of
 from .default_covariance import known_covariance
 from .estimators import estimate
 from .estimators.identified import Identified
-from .handle import Handle, as_handle
+from .handle import Handle
 from .identity import Hypothesis, choose, identify, labelled_pixels, relabel
 from .identity.ends import keep_by_body
 from .identity.reconcile import reconciled
 from .markers import Markers, find_markers
 from .matching import rig_candidates
-from .methods import PAPER
+from .methods import DEFAULT, PAPER
 from .parameters import Parameters
 from .pose import LOST, Pose
 from .window import Window
@@ -35,7 +37,7 @@ class Measurement:
     ----------
     pose : Pose
     found : tuple of Markers
-        One a camera.
+        One per camera.
     labels : tuple of ndarray of int
         For each found marker its index on the handle, or -1.
     """
@@ -47,27 +49,28 @@ class Measurement:
 
 def measure(
     frames: Sequence[ArrayLike],
-    rig: Rig,
-    handle: Handle,
+    rig: Rig | str | Path,
+    handle: Handle | str | Path,
     prior: RigidTransform | None = None,
     parameters: Parameters | None = None,
     windows: Sequence[Window | None] | None = None,
 ) -> Measurement:
-    """Measure the handle's pose from the frames of one instant by the paper's method (Eq. 16-24).
+    """Measure the handle's pose from the frames of one instant (Eq. 16-24).
 
-    This is the chain as printed. `single.measure_instant`, which is ``trinolab.measure``, does the
-    same and takes the best estimator where none is named, and rig and handle by their names.
+    The estimator is ``best``, which fits the pose to the pixels, unless the parameters name another
+    one: ``Parameters(estimator="paper")`` is the chain as printed.
 
     Parameters
     ----------
     frames : sequence of array_like, shape (height, width)
-        One grey image a camera, in the rig's order; grey levels 0 to 255 of any number type. Colour
+        One grey image per camera, in the rig's order; grey levels 0 to 255 of any number type. Colour
         and 16-bit images are for `recording.read_instants` to convert: an array does not say which
         channel is red, or what is white.
-    rig : Rig
-    handle : Handle
+    rig, handle
+        A `Rig` and a `Handle`, or files, or names of shipped ones, as ``raised_40deg`` and
+        ``coded``.
     prior : RigidTransform, optional
-        T_world_handle expected at this instant; chooses among poses that look alike.
+        T_world_handle expected at this instant, mm; chooses among poses that look alike.
     parameters : Parameters, optional
     windows : sequence of Window or None, optional
         W_ROI of each camera, inside its image: markers are looked for there alone, and nowhere
@@ -82,17 +85,18 @@ def measure(
     ------
     ValueError
         If the frames do not fit the rig in number or size, or are no grey images with levels from 0
-        to 255, as images of 0 to 1; if rig or handle are something else.
+        to 255, as images of 0 to 1; for a word that names no rig or no handle, or a file that
+        cannot be read.
     """
-    p = (parameters or Parameters()).with_default(PAPER)
+    p = (parameters or Parameters()).with_default(DEFAULT)
+    rig, handle = rig_of(rig), handle_of(handle)
     images = as_images(frames, rig)
-    as_handle(handle)
     regions = whole_images(rig) if windows is None else windows
     markers_by_camera, hypotheses = identified(images, regions, rig, handle, p)
     pixels = tuple(markers.uv for markers in markers_by_camera)
     if not hypotheses:
         return Measurement(LOST, markers_by_camera, tuple(np.full(len(uv), -1) for uv in pixels))
-    T, labels, sure = chosen(hypotheses, images, rig, handle, prior, p)
+    T, labels, unambiguous = chosen(hypotheses, images, rig, handle, prior, p)
     uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
     near = rig
     # the paper's method takes a rig that is stated to be exact as it is
@@ -100,7 +104,7 @@ def measure(
         near, T = reconciled(rig, handle, uv, T, p.sigma_px, p.identity)
     # Eq. 19-24, or another estimator
     pose = estimate(Identified(images, uv, T, near), rig, handle, p)
-    if not sure and pose is not LOST:
+    if not unambiguous and pose is not LOST:
         pose = replace(pose, status="ambiguous")
     return Measurement(pose, markers_by_camera, labels)
 
@@ -151,10 +155,10 @@ def chosen(
     if len(options) > 1:
         has_body = keep_by_body(images, rig, handle, [T for *_, T in options], p.identity)
         options = [option for option, keep in zip(options, has_body, strict=True) if keep]
-    index, sure = choose([T for *_, T in options], prior)
+    index, unambiguous = choose([T for *_, T in options], prior)
     hypothesis, symmetry, T = options[index]
     labels = tuple(relabel(label, handle, symmetry) for label in hypothesis.labels)
-    return T, labels, sure
+    return T, labels, unambiguous
 
 
 def markers_in(image: np.ndarray, region: Window | None, handle: Handle, p: Parameters) -> Markers:
@@ -171,7 +175,7 @@ def as_images(frames: Sequence[ArrayLike], rig: Rig) -> list[np.ndarray]:
     """The frames of one instant, checked: grey images of the rig's sizes."""
     as_rig(rig)
     if not isinstance(frames, (Sequence, np.ndarray)) or isinstance(frames, str):
-        raise ValueError(f"frames: expected an image a camera, got {type(frames).__name__}")
+        raise ValueError(f"frames: expected an image per camera, got {type(frames).__name__}")
     if len(frames) != len(rig.cameras):
         raise ValueError(
             f"frames: expected one for each of {len(rig.cameras)} cameras, got {len(frames)}"

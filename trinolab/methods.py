@@ -2,13 +2,12 @@
 it computes.
 """
 
-PAPER = "paper"  # Eq. 20-24: what the functions of the chain take unless they are told otherwise
+PAPER = "paper"  # Eq. 20-24
 BEST = "patches"  # the most accurate that keeps up with 30 frames a second
 ESTIMATORS = (PAPER, "reprojection", BEST)
 # what --method may name -> the estimator
 METHODS = {**{name: name for name in ESTIMATORS}, "best": BEST}
-# Whoever asks for a pose and names no estimator gets this one: ``trinolab.measure``,
-# ``trinolab.track`` and each command.
+# The estimator of ``trinolab.measure``, ``trinolab.track`` and each command where none is named.
 DEFAULT = "best"
 # estimators of older versions -> what does their work
 _SUCCESSORS = {

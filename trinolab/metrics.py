@@ -194,8 +194,8 @@ def nearest_equivalent(
 def nearest_index(
     estimates: RigidTransform, truths: RigidTransform, symmetries: Sequence[RigidTransform]
 ) -> NDArray[np.intp]:
-    """Which symmetry `nearest_equivalent` takes for each pose, shape (n,); parameters and errors
-    are the same.
+    """Index of the symmetry that `nearest_equivalent` takes for each pose, shape (n,); parameters
+    and errors are the same.
     """
     angle, distance = _against_equivalents(estimates, truths, symmetries)
     tied = angle <= angle.min(axis=0) + 1e-9
@@ -221,7 +221,7 @@ def track_equivalent(
 def flips(
     estimates: RigidTransform, truths: RigidTransform, symmetries: Sequence[RigidTransform]
 ) -> int:
-    """How often the nearest equivalent changes from one pose of a track to the next.
+    """Number of changes of the nearest equivalent from one pose of a track to the next.
 
     Parameters
     ----------
@@ -245,8 +245,8 @@ def far_off(
     far_mm: float = FAR_MM,
     far_deg: float = FAR_DEG,
 ) -> int:
-    """How many poses of a track are off by more than `far_mm` or `far_deg`, by one equivalent for
-    all.
+    """Number of poses of a track that are off by more than `far_mm` or `far_deg`, by one equivalent
+    for all.
 
     Parameters and errors as for `flips`; also raises ValueError for a limit that is no number or
     negative.
@@ -261,8 +261,8 @@ def far_off(
 def waits(
     measured: ArrayLike, counted: ArrayLike | None = None
 ) -> tuple[tuple[int, ...], int | None]:
-    """How many instants each loss lasted: from a measured pose that no measured one follows, to the
-    next measured one.
+    """Durations of the losses in instants: from a measured pose that no measured one follows, to
+    the next measured one.
 
     Parameters
     ----------
@@ -275,7 +275,7 @@ def waits(
     Returns
     -------
     ended : tuple of int
-        One a loss after which the track came back.
+        One per loss after which the track came back.
     unended : int or None
         Instants of a last loss after which it did not; None if there is none.
 

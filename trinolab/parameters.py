@@ -28,8 +28,8 @@ class Parameters:
     identity : IdentityParameters
     estimator : {"paper", "reprojection", "patches", "best"}
         How the pose follows from the markers, see `estimators.estimate`; ``best`` is stored as
-        ``patches``. None leaves it to whom the parameters are given: the functions of the chain
-        (`measurement`, `tracker`) take the paper's, ``trinolab.measure`` and the commands
+        ``patches``. None leaves it to the function that is given the parameters: `tracker.step` and
+        `estimators.estimate` take the paper's, `measurement.measure` and the commands
         `methods.DEFAULT`.
     max_slant_deg : float
         Markers turned further away are identified but not measured, as long as four are left:

@@ -1,4 +1,4 @@
-"""From labelled markers to the handle's pose: the rigid fit of Eq. 23-24, its covariance, and the
+"""The handle's pose from labelled markers: the rigid fit of Eq. 23-24, its covariance, and the
 paper's estimate.
 """
 
@@ -92,8 +92,8 @@ class Pose:
 
     @property
     def covariance(self) -> Array:
-        """Of position (mm) and rotation vector (rad), world frame, by all that is known, shape (6,
-        6): `covariance_random` and `systematic`.
+        """Covariance of position (mm) and rotation vector (rad), world frame, by all that is known,
+        shape (6, 6): `covariance_random` and `systematic`.
         """
         return self.covariance_random + self.systematic
 
@@ -362,7 +362,7 @@ def fit_pose(
 
 
 def fit_response(uv: Array, rig: Rig, handle: Handle, max_slant_deg: float = 70.0) -> Response:
-    """How a pose that `fit_pose` has measured answers to the pixels; parameters as there.
+    """The response to the pixels of a pose that `fit_pose` has measured; parameters as there.
 
     Raises
     ------
@@ -400,7 +400,8 @@ def _fitted(
     T = rigid_motion(handle.marker_centres, mean_of_pairs(points)) if known is None else known
     if T is None:
         return None
-    facing = _facing(rig, handle, T, max_slant_deg)
+    slant = np.stack([slants(handle, T, camera.centre) for camera in rig.cameras])
+    facing = ~(slant > np.deg2rad(max_slant_deg))
     both_face = np.array([facing[i] & facing[j] for i, j in rig.pairs])
     of_facing = np.where(both_face[..., None], points, np.nan)
     if np.isfinite(mean_of_pairs(of_facing)).all(axis=1).sum() >= 4:
@@ -423,14 +424,6 @@ def _response(fitted: _Fitted, handle: Handle) -> Response:
     gain = np.einsum("nai,nij->anj", by_point, by_pixel).reshape(6, len(by_point), -1, 2)
     marker, camera = np.nonzero(np.any(gain, axis=(0, 3)))
     return response(gain[:, marker, camera], camera, marker, handle, T)
-
-
-def _facing(
-    rig: Rig, handle: Handle, T_world_handle: RigidTransform, max_slant_deg: float
-) -> np.ndarray:
-    """Whether each marker is turned to each camera, bool (cameras, markers)."""
-    slant = np.stack([slants(handle, T_world_handle, camera.centre) for camera in rig.cameras])
-    return ~(slant > np.deg2rad(max_slant_deg))
 
 
 def _measured_pose(

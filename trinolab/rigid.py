@@ -73,8 +73,8 @@ def rotation_matrix(vector: Array) -> Array:
 
 
 def motion_between(a: RigidTransform, b: RigidTransform) -> Array:
-    """From pose b to pose a, shape (6,): position (mm) and rotation vector (rad), as in a pose's
-    covariance.
+    """The motion from pose b to pose a, shape (6,): position (mm) and rotation vector (rad), as in
+    a pose's covariance.
     """
     turn = rotation_vector(rotation_of(a) @ rotation_of(b).T)
     return np.concatenate([a.translation - b.translation, turn])

@@ -30,7 +30,7 @@ NOTHING = frozen(np.zeros((6, 6)))  # the systematic covariance of a pose where 
 
 
 class Response(NamedTuple):
-    """How a pose answers to the pixels that it was measured from.
+    """The sensitivity of a pose to the pixels that it was measured from.
 
     Attributes
     ----------
@@ -81,19 +81,19 @@ def contradict(chi_square: float, freedom: int) -> bool:
 
 
 def students_factor(freedom: float) -> float:
-    """By how much a variance of some degrees of freedom is enlarged, so that one standard deviation
-    holds as large a share as it always does.
+    """The factor by which a variance of some degrees of freedom is enlarged, so that one standard
+    deviation holds as large a share as it always does.
     """
     return float(stdtrit(freedom, ONE_SIGMA) ** 2) if np.isfinite(freedom) else 1.0
 
 
-def systematic_covariance(found: Response, rig: Rig, handle: Handle) -> Array:
+def systematic_covariance(response: Response, rig: Rig, handle: Handle) -> Array:
     """Covariance of a pose by the errors of the rig and of the markers' places, which every instant
     has in common.
 
     Parameters
     ----------
-    found : Response
+    response : Response
     rig, handle
         With what they state of their errors, else the defaults of `default_covariance`.
 
@@ -104,26 +104,26 @@ def systematic_covariance(found: Response, rig: Rig, handle: Handle) -> Array:
     """
     if not is_uncertain(rig, handle):
         return NOTHING
-    return found.covariance_by(known_errors(found, rig, handle))
+    return response.covariance_by(known_errors(response, rig, handle))
 
 
-def known_errors(found: Response, rig: Rig, handle: Handle) -> Array:
+def known_errors(response: Response, rig: Rig, handle: Handle) -> Array:
     """Covariance of the pixels of a response by the errors of the rig and of the markers' places,
     (2 k, 2 k), px^2; u and v of the first place come first.
     """
-    k = len(found.points)
-    by_points = slopes_at(rig, found.camera, found.points)[1]
+    k = len(response.points)
+    by_points = slopes_at(rig, response.camera, response.points)[1]
     moved = by_points.reshape(2 * k, 3)
-    same = (found.marker[:, None] == found.marker) & (found.marker >= 0)
+    same = (response.marker[:, None] == response.marker) & (response.marker >= 0)
     by_layout = known_placement_mm(handle) ** 2 * (moved @ moved.T)
     total = by_layout * same.repeat(2, 0).repeat(2, 1)
     # About the middle of what is seen: about the handle's origin the pose would be shifted by some
     # hundredths of a millimetre besides.
-    grown = known_scale_share(handle) * (found.points - found.points.mean(axis=0))
+    grown = known_scale_share(handle) * (response.points - response.points.mean(axis=0))
     by_scale = (by_points @ grown[..., None]).ravel()
     total += np.outer(by_scale, by_scale)
     known = known_covariance(rig)
-    by_rig = by_parameters(found, rig)
+    by_rig = by_parameters(response, rig)
     return total + students_factor(known.freedom) * (by_rig @ known.matrix @ by_rig.T)
 
 
@@ -167,7 +167,7 @@ def motion_slopes(rig: Rig, camera: np.ndarray, points: Array, origin: Array) ->
 
 
 class ImageOffsets(NamedTuple):
-    """By how much the cameras' images may be shifted against each other where a handle is.
+    """Possible shifts of the cameras' images against each other where a handle is.
 
     A handle is small against its distance: an error of the rig shifts each image of it as a whole.
 

@@ -22,12 +22,13 @@ from .checks import Array, as_array, as_number, frozen
 from .handle import Handle
 from .image_track import search_window
 from .measurement import Measurement, as_images, measure
+from .methods import PAPER
 from .parameters import Parameters
 from .window import Window
 
 
 class CameraState(NamedTuple):
-    """What the tracker knows of one camera.
+    """The tracker's state of one camera.
 
     Attributes
     ----------
@@ -45,7 +46,7 @@ class CameraState(NamedTuple):
 
 
 class TrackerState(NamedTuple):
-    """What the tracker knows after an instant.
+    """The tracker's state after an instant.
 
     Attributes
     ----------
@@ -121,7 +122,7 @@ def step(
     ValueError
         If the time does not increase.
     """
-    p = parameters or Parameters()
+    p = (parameters or Parameters()).with_default(PAPER)
     t = as_number(t_s, "t_s", low=state.t_s, open_low=True)
     images = as_images(frames, rig)
     stepped = [

@@ -1,4 +1,4 @@
-"""From matched pixels to points: Eq. 20 for each pair of cameras, the change of frame, and the mean
+"""Points from matched pixels: Eq. 20 for each pair of cameras, the change of frame, and the mean
 (Sect. 5.3).
 
 Eq. 20 as printed needs X_r = R X_l + T, left to right, and one focal length a camera. Here R, T
@@ -165,7 +165,7 @@ def mean_of_pairs(points: Array) -> Array:
 
 
 def _counts(valid: np.ndarray) -> Array:
-    """How many pairs (pairs, n) have a point, shape (n,); NaN for none."""
+    """Numbers of pairs (pairs, n) that have a point, shape (n,); NaN for none."""
     count = valid.sum(axis=0)
     return np.where(count > 0, count, np.nan)
 
@@ -201,7 +201,7 @@ def triangulation_covariance(
 def triangulate_with_covariance(
     rig: Rig, uv: ArrayLike, sigma_px: float, step_px: float = 1e-3
 ) -> tuple[Array, Array]:
-    """What `triangulate` and `triangulation_covariance` give, in half the time of both."""
+    """The results of `triangulate` and `triangulation_covariance`, in half the time of both."""
     return mean_with_covariance(*pairs_with_slopes(rig, uv, sigma_px, step_px))
 
 
@@ -227,7 +227,7 @@ def triangulate_weighted(rig: Rig, uv: ArrayLike, sigma_px: ArrayLike) -> tuple[
     Eq. 22's mean.
 
     Parameters and errors as for `triangulation_covariance`; `sigma_px` may be of shape (cameras,
-    n), one a pixel.
+    n), one per pixel.
 
     Returns
     -------

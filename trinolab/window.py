@@ -55,7 +55,7 @@ class Window:
         return self.u + (self.width - 1) / 2, self.v + (self.height - 1) / 2
 
     def contains(self, uv: ArrayLike) -> np.ndarray:
-        """Which of the points uv (n, 2) lie on its pixels, bool (n,); NaN rows do not."""
+        """The points uv (n, 2) that lie on its pixels, bool (n,); NaN rows do not."""
         offset = as_points(uv, "uv", 2) - (self.u - 0.5, self.v - 0.5)
         return np.all((offset >= 0) & (offset < (self.width, self.height)), axis=1)
 
@@ -80,22 +80,9 @@ class Window:
 
         Raises ValueError if the window is not inside the image.
         """
-        grey = self._inside(image)
-        return grey[self.v : self.v + self.height, self.u : self.u + self.width]
-
-    def blank_outside(self, image: ArrayLike) -> np.ndarray:
-        """A copy of an image (height, width) that is 0 outside the window; raises ValueError as
-        `crop`.
-        """
-        grey = self._inside(image)
-        blank = np.zeros_like(grey)
-        self.crop(blank)[:] = self.crop(grey)
-        return blank
-
-    def _inside(self, image: ArrayLike) -> np.ndarray:
         grey = as_image(image, "image")
         if self.clipped((grey.shape[1], grey.shape[0])) != self:
             raise ValueError(
                 f"image: expected one that holds {self}, got {grey.shape[1]} x {grey.shape[0]} pixels"
             )
-        return grey
+        return grey[self.v : self.v + self.height, self.u : self.u + self.width]

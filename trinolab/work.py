@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Work:
-    """What is left of the work that may be done.
+    """The work that may still be done.
 
     A unit is a thousand cells in a Gauss-Newton step of the image model with motion blur; other work
     is stated in such units. They were measured on the films `fast` and `hard` of
@@ -17,7 +17,7 @@ class Work:
 
     Attributes
     ----------
-    left : float
+    remaining : float
         Units; without a limit infinitely many.
     cursor : int
         Where a search that was cut short goes on, see `identity.search.search`; 0 is its beginning.
@@ -26,13 +26,13 @@ class Work:
     """
 
     def __init__(self, units: float = np.inf, cursor: int = 0) -> None:
-        self.left = units
+        self.remaining = units
         self.cursor = cursor
         self.was_cut = False
 
     def takes(self, units: float) -> bool:
         """Whether so many units are left; if so, they are taken."""
-        if units > self.left:
+        if units > self.remaining:
             return False
-        self.left -= units
+        self.remaining -= units
         return True

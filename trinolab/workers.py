@@ -1,4 +1,4 @@
-"""What a process does that works for another one, and shall not outlive it."""
+"""Worker processes that do not outlive the process they work for."""
 
 from __future__ import annotations
 

@@ -42,10 +42,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from tqdm import tqdm
 
 from trinolab.camera import Camera, Rig
-from trinolab.files import recorder
+from trinolab.files import recording_writer
 from trinolab.files.images import as_grey, decoded
 from trinolab.files.inputs import read_csv
-from trinolab.files.kept import sole_writer, stamp
+from trinolab.files.journal import sole_writer, stamp
 from trinolab.files.outputs import check_parent, resolved, write_whole
 from trinolab.files.poses import read_poses, transforms
 from trinolab.files.recording import Recording, instants, open_folder
@@ -115,7 +115,7 @@ def write_bag(
         streams.append(_poses(Path(poses), ros))
     if joints is not None:
         streams += _joints(Path(joints), ros)
-    beside = target.with_name(f".{target.name}{recorder.PARTIAL}")
+    beside = target.with_name(f".{target.name}{recording_writer.PARTIAL}")
     with sole_writer(target, out):
         shutil.rmtree(beside, ignore_errors=True)  # of one that was killed
         try:
@@ -192,19 +192,19 @@ def unpack_bag(
     """
     ros = _ros()
     given = None if handle is None else read_handle(handle)
-    partial = recorder.partial_of(folder)
+    partial = recording_writer.partial_of(folder)
     shutil.rmtree(partial, ignore_errors=True)
     try:
         with opened(bag) as reader:
             the_rig = rig or _rig_of(reader, bag, ros)
             topics = {name: _images_of(reader, name, bag) for name in the_rig.names}
             the_handle = given or _handle_of(reader, bag, ros)
-            recorder.begin(folder, the_rig, the_handle)
+            recording_writer.begin(folder, the_rig, the_handle)
             times = [
                 _unpack(reader, topic, partial, camera, bag, ros)
                 for camera, topic in zip(the_rig.cameras, topics.values(), strict=True)
             ]
-        recorder.finish(folder, _common_times(times, the_rig, bag).tolist())
+        recording_writer.finish(folder, _common_times(times, the_rig, bag).tolist())
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 
@@ -230,7 +230,7 @@ def _footage(recording: Recording, ros: Any) -> Iterator[Message]:
         time_ns = _nanoseconds(instant.t_s, "timestamps")
         for name, image in zip(recording.rig.names, instant.images, strict=True):
             grey = np.clip(np.round(image), 0, 255).astype(np.uint8)
-            data = cv2.imencode(".png", grey, recorder.PNG)[1].ravel()
+            data = cv2.imencode(".png", grey, recording_writer.PNG)[1].ravel()
             content = image_of(_header(time_ns, name, ros), "png", data)
             yield Message(time_ns, f"/{name}/image", content)
 
@@ -474,7 +474,7 @@ def _unpack(
                 "pixels of grey or colour, 8 bit"
             )
         grey = as_grey(image).image
-        recorder.write_image(
+        recording_writer.write_image(
             grey.astype(np.uint8), partial / "images" / camera.name / f"{len(times):06d}.png"
         )
         times.append(time_ns * 1e-9)

@@ -49,9 +49,14 @@ def surroundings(code: Iterable[Path] | None = None) -> dict[str, str]:
     ]
     return {
         "the package": hash_code(our_files() if code is None else code),
-        "its data": hash_files(data_path().glob("**/*"), data_path()),
+        "its data": hash_files(_data_files(), data_path()),
         "the environment": hash_text("\n".join(environment)),
     }
+
+
+def _data_files() -> list[Path]:
+    """The shipped data, without the scripts that make them."""
+    return [path for path in data_path().glob("**/*") if path.suffix != ".py"]
 
 
 @lru_cache

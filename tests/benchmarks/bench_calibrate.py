@@ -30,8 +30,9 @@ from trinolab.camera import Rig
 from trinolab.datasets import real_set
 from trinolab.files.fetch import why_not
 from workbench.plotting import picture_of_residuals
-from workbench.studies.webcams import WEBCAMS, webcam_rig
+from workbench.studies.carrier import script
 
+webcams = script("webcams")
 PAIRS_S, INSTANTS_S = 3.0, 20.0
 REPEATS = 3
 INSTANTS, DISTANCE_MM, SEED = 48, 500.0, 0
@@ -42,7 +43,7 @@ STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-4)
 
 def rendered(folder: Path) -> dict[str, str]:
     """Instants of a board before three webcams, as folders of images by the cameras' names."""
-    perfect = webcam_rig(WEBCAMS[1])
+    perfect = webcams.webcam_rig(webcams.WEBCAMS[1])
     rig = Rig(tuple(replace(camera, distortions=LENS) for camera in perfect.cameras))
     rng = np.random.default_rng(SEED)
     poses = board_positions(rig, BOARD.board, INSTANTS, rng, DISTANCE_MM)

@@ -285,7 +285,10 @@ BOMBS = {
         "handle.toml: expected at most 200 markers, got 99,900",
     ),
     "a word of 1 MB": Bomb(
-        long_word, "handle.toml", OWN_HANDLE, "handle.toml: rows_mm: expected 1 lists, one a column"
+        long_word,
+        "handle.toml",
+        OWN_HANDLE,
+        "handle.toml: rows_mm: expected 1 lists, one per column",
     ),
     "10^7 commas": Bomb(
         commas,

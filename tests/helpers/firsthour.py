@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from trinolab.bench.recordings import standard_recording
+from trinolab.bench.rendering import standard_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 SECONDS = 2.0  # as the text says
@@ -41,13 +41,8 @@ def write_recording(folder, frames=TAKEN):
     return folder
 
 
-def readme_section(heading):
-    """A section of the README, from its heading to the next one of that rank."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    return text.split(f"\n## {heading}\n")[1].split("\n## ")[0]
-
-
-def blocks(section):
-    """The indented blocks of code of a section, without their indentation."""
-    found = re.findall(r"(?:^    .*\n|^\n(?=    ))+", section, flags=re.MULTILINE)
-    return [re.sub("^    ", "", block, flags=re.MULTILINE).lstrip("\n") for block in found]
+def blocks(page, heading):
+    """The fenced blocks of code of a page's section, from its heading to the next one of that rank."""
+    text = (ROOT / page).read_text(encoding="utf-8")
+    section = text.split(f"\n## {heading}\n")[1].split("\n## ")[0]
+    return re.findall(r"^```\w+\n(.*?)^```$", section, flags=re.MULTILINE | re.DOTALL)

@@ -24,8 +24,8 @@ from scipy.spatial.transform import RigidTransform
 from trinolab.datasets import data_path, load_rig
 from trinolab.files.images import read_grey
 from trinolab.files.poses import pose_table, poses_by_frame, poses_text, read_poses
-from trinolab.files.recorder import read_manifest
 from trinolab.files.recording import read_timestamps
+from trinolab.files.recording_writer import read_manifest
 from trinolab.files.rigs import read_handle, read_rig, rig_text
 from trinolab.pose import LOST, Pose
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig, scaled
 from trinolab.datasets import load_handle, load_rig
-from trinolab.files import recorder
+from trinolab.files import recording_writer
 from trinolab.files.poses import truth_table, write_poses
 from trinolab.files.rigs import write_handle, write_rig
 from trinolab.rigid import shifted
@@ -59,11 +59,11 @@ def make_healthy(root, count):
     board.
     """
     poses, rng = true_path(count), np.random.default_rng(0)
-    partial = recorder.begin(root / "rec", RIG, CODED)
+    partial = recording_writer.begin(root / "rec", RIG, CODED)
     instants = [render_rig(RIG, CODED, T, Bench(), rng) for T in poses]
     for k, images in enumerate(instants):
-        recorder.add(partial, RIG, k, images)
-    recorder.finish(root / "rec", np.arange(count) / FPS, truth_table(poses))
+        recording_writer.add(partial, RIG, k, images)
+    recording_writer.finish(root / "rec", np.arange(count) / FPS, truth_table(poses))
     for name, frames in zip(RIG.names, zip(*instants, strict=True), strict=True):
         write_video(root / f"{name}.mkv", frames)
     write_rig(RIG, root / "rig.toml")

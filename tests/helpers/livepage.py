@@ -20,7 +20,7 @@ from trinolab.slave.arm import load_robot
 from trinolab.slave.mapping import MappingParameters, alignment
 from workbench.live.loop import Loop
 from workbench.live.pointing import Pointing
-from workbench.live.recording import Recorder
+from workbench.live.recorder import Recorder
 from workbench.live.server import serve
 from workbench.live.sources import HOME, QUICK, Feed, Source
 from workbench.teleop.session import Session

@@ -5,13 +5,13 @@ from functools import cache
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
+from webcams import BENCH, WEBCAMS, webcam_rig
 
 from trinolab.bench.layer import cropped
 from trinolab.bench.scenario import Job, Shot, take
 from trinolab.datasets import load_handle
-from trinolab.files import recorder
+from trinolab.files import recording_writer
 from workbench.classkit.wrap import wrapped
-from workbench.studies.webcams import BENCH, WEBCAMS, webcam_rig
 
 FPS = 60.0
 ROD = wrapped(load_handle("coded"), 20.0, 6.0)
@@ -70,8 +70,8 @@ def record(folder, frames, rig=None, handle=ROD, times=None):
     """
     cameras = small_rig() if rig is None else rig
     known = cameras if rig is not False else small_rig().names
-    partial = recorder.begin(folder, known, handle)
+    partial = recording_writer.begin(folder, known, handle)
     for k, images in enumerate(frames):
-        recorder.add(partial, known, k, images)
-    recorder.finish(folder, list(np.arange(len(frames)) / FPS if times is None else times))
+        recording_writer.add(partial, known, k, images)
+    recording_writer.finish(folder, list(np.arange(len(frames)) / FPS if times is None else times))
     return folder

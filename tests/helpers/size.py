@@ -1,12 +1,17 @@
-"""Print the lines of code of the package, the workbench and the tests: no blank lines, comments or
-docstrings.
+"""Print the lines of code of the package, the workbench, the tables' scripts and the tests: no blank
+lines, comments or docstrings.
 """
 
 import ast
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = {"trinolab": "trinolab", "workbench": "book", "tests": "tests"}
+FOLDERS = {
+    "trinolab": "trinolab",
+    "workbench": "book",
+    "scripts of tables": "data/tables",
+    "tests": "tests",
+}
 WITH_DOCSTRING = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 

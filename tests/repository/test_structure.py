@@ -8,7 +8,7 @@ from pathlib import Path
 import nbformat
 import pytest
 
-from trinolab.bench.recordings import DRAWN_WITH
+from trinolab.bench.rendering import DRAWN_WITH
 from workbench.imports import PACKAGES, files_of_module, module_of_file, our_files
 from workbench.pages import house
 
@@ -86,10 +86,9 @@ def test_calibrating_loads_its_figure_only_when_needed():
 def test_the_papers_chain_runs_by_itself():
     loaded = loaded_by("""
 import numpy as np
-from trinolab import datasets
-from trinolab.measurement import measure
-rig = datasets.load_rig("paper_pair")
-measure([np.zeros(camera.size[::-1]) for camera in rig.cameras], rig, datasets.load_handle("paper"))""")
+import trinolab
+paper = trinolab.Parameters(estimator="paper")
+trinolab.measure([np.zeros((1024, 1280))] * 2, "paper_pair", "paper", parameters=paper)""")
     assert "trinolab.pose" in loaded
     assert "pandas" not in loaded  # it takes a quarter of the first call's time
     beyond = ("trinolab.estimators.", "trinolab.uncertainty")

@@ -118,7 +118,7 @@ def test_every_estimator_measures_the_same_draws():
 def test_benchmark_clocks_stages_that_exist():
     with bench_measure.clocked(measurement, bench_measure.STAGES) as spent:
         measured = measurement.measure(
-            [np.zeros((1024, 1280), np.uint8)] * 2, load_rig("paper_pair"), PAPER
+            [np.zeros((1024, 1280), np.uint8)] * 2, "paper_pair", "paper"
         )
     assert measured.pose is LOST
     assert spent["markers"] > 0

@@ -22,6 +22,7 @@ from trinolab.matching import (
     ncc_matrix,
 )
 from trinolab.measurement import measure
+from trinolab.parameters import Parameters
 
 PAIR = load_rig("paper_pair").cameras
 
@@ -174,7 +175,7 @@ def test_equal_markers_on_one_line_fool_the_correlation_and_not_the_layout(acros
     # column 0 with column 5: both seen head-on
     assert {tuple(pair) for pair in crossed.tolist()} <= left
     assert not {tuple(pair) for pair in right.tolist()} & left
-    m = measure(frames, rig, handle)
+    m = measure(frames, rig, handle, parameters=Parameters(estimator="paper"))
     labels = [m.labels[k][true_labels(rig.cameras[k], handle, T, m.found[k].uv)] for k in (0, 2)]
     assert labels[0].tolist() == labels[1].tolist()
     assert len(set(labels[0].tolist()) - {-1}) == 4

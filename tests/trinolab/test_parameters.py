@@ -14,7 +14,7 @@ from trinolab.bench.scenario import Job, Shot, take
 from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig, RigCovariance
 from trinolab.following import posefilter, posetracker
-from trinolab.following.look import Guess, displacement, expect, follow
+from trinolab.following.look import Guess, Setup, displacement, expect, follow
 from trinolab.following.parameters import FollowParameters
 from trinolab.identity import equivalents, identify
 from trinolab.identity.ends import keep_by_body
@@ -171,10 +171,11 @@ def test_each_number_of_the_identification_decides_something(name, found, lying)
 
 
 def test_they_are_reached_through_the_parameters_of_a_measurement(lying):
-    assert measure(lying, RIG, ROD).pose.status == "measured"
+    p = Parameters(estimator="paper")
+    assert measure(lying, RIG, ROD, parameters=p).pose.status == "measured"
     for change, status in (({"min_markers": 99}, "lost"), ({"end_contrast": 255.0}, "ambiguous")):
-        p = Parameters(identity=replace(IdentityParameters(), **change))
-        assert measure(lying, RIG, ROD, parameters=p).pose.status == status
+        changed = replace(p, identity=replace(IdentityParameters(), **change))
+        assert measure(lying, RIG, ROD, parameters=changed).pose.status == status
 
 
 @pytest.fixture(scope="module")
@@ -199,20 +200,19 @@ def moving(velocity, sigma=1.0):
 
 def followed(images, scene, p):
     """What is decided of a scene, as plain numbers."""
+    setup = Setup(TRIO, CODED, p)
     if scene in ("all", "some"):
         aside = shifted(STANDING, np.array([0.3, 0.0, 0.0, 0.0, 0.01, 0.0]))
         pose = Pose("measured", aside, np.eye(6), 0.1, 8, 3 if scene == "all" else 2)
-        return posetracker.believable(pose, moving(np.zeros(6)), TRIO, PAPER, p)
+        return posetracker.believable(pose, moving(np.zeros(6)), Setup(TRIO, PAPER, p))
     if scene == "shift":
         motion = moving(np.zeros(6))
         off = motion._replace(pose=shifted(STANDING, np.array([4.0, -3.0, 0.0, 0.0, 0.0, 0.0])))
-        found = displacement(
-            images["still"], expect(TRIO, CODED, off, p), off.pose.translation, TRIO, CODED, p
-        )
+        found = displacement(images["still"], expect(setup, off), off.pose.translation, setup)
         return None if found is None else [part.tolist() for part in found]
     motion = moving(VELOCITY, 0.1) if scene.startswith("blurred") else moving(np.zeros(6))
-    guess = Guess(motion, expect(TRIO, CODED, motion, p), blurred=scene == "blurred")
-    pose = follow(images[scene.split(",")[0]], guess, TRIO, CODED, p).pose
+    guess = Guess(motion, expect(setup, motion), blurred=scene == "blurred")
+    pose = follow(images[scene.split(",")[0]], guess, setup).pose
     return (
         pose.status,
         None if pose.T_world_handle is None else pose.T_world_handle.as_matrix().tolist(),

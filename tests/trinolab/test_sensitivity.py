@@ -177,7 +177,7 @@ def test_nees_of_checked_poses_of_stated_rigs():
         drawn = miscalibrated(PAIR, 0.3, 0.02, rng)
         rig = replace(drawn, covariance=covariance_of_such(drawn, 0.3, 0.02))
         images = [digitise(image, bench, rng) for image in clean]
-        pose = measure(images, rig, CODED, POSE, Parameters(check=True)).pose
+        pose = measure(images, rig, CODED, POSE, Parameters(estimator="paper", check=True)).pose
         e = motion_between(pose.T_world_handle, POSE)
         nees.append(e @ np.linalg.solve(pose.covariance, e))
     assert abs(np.mean(nees) - 6) < 4 * np.sqrt(12 / len(nees))

@@ -1,12 +1,14 @@
 """The chain of one instant, on rendered frames."""
 
 from dataclasses import replace
+from functools import partial
 
 import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab import measurement
 from trinolab.bench.hand import Arm
 from trinolab.bench.motion import smooth_motion
 from trinolab.bench.optics import Bench
@@ -14,7 +16,6 @@ from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.identity import labelled_pixels
-from trinolab.measurement import measure
 from trinolab.parameters import Parameters
 from trinolab.pose import fit_pose
 from trinolab.tracker import start, step
@@ -23,6 +24,8 @@ from trinolab.window import Window
 RIG, TRIO = load_rig("paper_pair"), load_rig("raised_40deg")
 PAPER, CODED = load_handle("paper"), load_handle("coded")
 T = load_table1().set_poses[4]
+
+measure = partial(measurement.measure, parameters=Parameters(estimator="paper"))
 
 
 def errors(pose, truth=T):
@@ -119,7 +122,9 @@ def test_turned_markers_are_left_out_of_the_fit():
     # 74 deg in CCD2
     turned = T * RigidTransform.from_rotation(Rotation.from_rotvec([0, np.deg2rad(12.0), 0]))
     frames = render_rig(RIG, PAPER, turned, Bench(), np.random.default_rng(0))
-    all_of_them = measure(frames, RIG, PAPER, parameters=Parameters(max_slant_deg=90.0)).pose
+    all_of_them = measure(
+        frames, RIG, PAPER, parameters=Parameters(estimator="paper", max_slant_deg=90.0)
+    ).pose
     facing = measure(frames, RIG, PAPER).pose
     assert 4 <= facing.markers < all_of_them.markers
     # their centroids lie beside the images of their centres

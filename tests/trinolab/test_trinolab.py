@@ -1,5 +1,5 @@
 """The names that `trinolab` itself has: each one works, none is hidden by a module, and the
-README's examples run.
+examples of the README and of the reference run.
 """
 
 import inspect
@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from firsthour import EMPTY, INSTANTS, SECONDS, TAKEN, blocks, readme_section, write_recording
+from firsthour import EMPTY, INSTANTS, SECONDS, TAKEN, blocks, write_recording
 from makenotebook import glued, make_notebook
 
 import trinolab
@@ -122,17 +122,17 @@ def test_sweep_is_the_folder_and_the_function():
     assert trinolab.sweep.sweep is runs.sweep
 
 
-# --- the examples of the README
+# --- the examples of the README and of the reference
 
 
 def examples():
-    """The blocks of Python under the README's heading "From Python"."""
-    return [block for block in blocks(readme_section("From Python")) if "import trinolab" in block]
+    """The README's block of Python, and those of the first page of the API reference."""
+    return [*blocks("README.md", "From Python"), *blocks("book/api/index.md", "Examples")]
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
-    """A folder with the recording of the README's first hour, and with a small notebook that is
+    """A folder with the recording of the README's first command, and with a small notebook that is
     called like a chapter.
     """
     root = tmp_path_factory.mktemp("readme")
@@ -147,10 +147,10 @@ def place(tmp_path_factory):
 
 
 def test_the_readme_makes_that_recording():
-    first = next(block for block in blocks(readme_section("The first hour")) if "render" in block)
+    first = blocks("README.md", "Sixty seconds")[0].splitlines()[0]
     assert first == (
         "trinolab render --rig raised_40deg --handle coded --motion calm "
-        f"--seconds {SECONDS:g} --out recording\n"
+        f"--seconds {SECONDS:g} --out recording"
     )
 
 
@@ -187,7 +187,7 @@ def test_readme_measures_an_instant(after, place):
 
 
 @pytest.mark.slow
-def test_readme_tracks_a_recording(after, capsys):
+def test_reference_tracks_a_recording(after, capsys):
     left = after(1)
     assert (left["poses"]["status"] == "measured").sum() == INSTANTS - EMPTY
     assert left["result"].measured == INSTANTS - EMPTY
@@ -196,13 +196,13 @@ def test_readme_tracks_a_recording(after, capsys):
 
 
 @pytest.mark.heavy
-def test_readme_sees_an_own_rig(after):
+def test_reference_sees_an_own_rig(after):
     result = after(2)["result"]
     assert result.measured == result.instants == 3
     assert result.errors.E_t_mm < 0.05  # mm
 
 
-def test_readme_sweeps_a_chapter(after):
+def test_reference_sweeps_a_chapter(after):
     table = after(3)["table"]
     assert table["status"].tolist() == ["ok"] * 3
     assert table["found"].tolist() == table["ncc_threshold"].tolist()

@@ -27,7 +27,7 @@ from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import predict_centroids
 from trinolab.estimators.reprojection import fit_pixels, response_of_pixels
-from trinolab.files import recorder
+from trinolab.files import recording_writer
 from trinolab.files.poses import truth_table
 from trinolab.files.rigs import read_handle, read_rig
 from trinolab.following.centres import MAX_SLANT_DEG
@@ -257,12 +257,12 @@ def record(folder: Path, rig: Rig, handle: Handle, truth: Truth, seed: int, inst
     """
     times = np.arange(instants) / FPS
     job = Job(truth.rig, truth.handle, _shots(times, len(rig.cameras), seed), times, seed)
-    partial = recorder.begin(folder, rig, handle)
+    partial = recording_writer.begin(folder, rig, handle)
     for frame in range(instants):
         images = [take(job, frame, index) for index in range(len(rig.cameras))]
-        recorder.add(partial, rig, frame, images)
+        recording_writer.add(partial, rig, frame, images)
     poses = RigidTransform.concatenate([shot.T_world_handle for shot in job.shots])
-    recorder.finish(folder, times, truth_table(poses))
+    recording_writer.finish(folder, times, truth_table(poses))
 
 
 def _shots(times: Array, cameras: int, seed: int) -> list[Shot]:

@@ -63,52 +63,20 @@ def tables():
     ones are from it.
     """
     import numpy as np
+    from helpers.tablerows import made_and_stored
 
-    from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1, paper_rig
-    from trinolab.methods import BEST
-    from workbench.studies import elevation, factors, gallery
-    from workbench.studies.bound import COLUMNS, SHIPPED_PIXELS, pose_bound
+    from workbench.studies.carrier import script
 
     found, shipped = {}, {}
-
-    def add(table, computed, stored):
-        for name, value in computed.items():
-            found[f"{table}: {name}"] = float(value)
-            shipped[f"{table}: {name}"] = float(stored[name])
-
-    pair, handle = load_rig("paper_pair"), load_handle("paper")
-    for name, exhibit in gallery.GALLERY.items():
-        if callable(exhibit.what):
-            rows = gallery.settings(name)
-            add(
-                f"gallery/{name}",
-                exhibit.what(**rows[len(rows) // 2]),
-                gallery.load(name).iloc[len(rows) // 2],
-            )
-    for name, factor in factors.FACTORS.items():
-        table = load_sweep(name)
-        value = factor.values[len(factor.values) // 2]
-        (row,) = factors.cell(name, value, 0, pair, handle)
-        stored = table[
-            (table[factor.column] == value) & (table["seed"] == 0) & (table["method"] == "paper")
-        ].iloc[0]
-        add(name, {field: row[field] for field in factors.ERRORS}, stored)
-    errors = elevation.accuracy(paper_rig(50.0), {BEST: elevation.SETTINGS[BEST]})[BEST]
-    table = load_sweep("elevation")
-    stored = table[(table["elevation_deg"] == 50.0) & (table["estimator"] == BEST)].iloc[0]
-    add(
-        "elevation",
-        {name: getattr(errors, name) for name in ("n", "E_t_mm", "geodesic_mean_deg")},
-        stored,
-    )
-    bounds = load_sweep("bound").set_index(["rig", "pixels", "row"])
-    for pixels in SHIPPED_PIXELS:
-        made = pose_bound(pair, handle, load_table1().set_poses[4], None, pixels)
-        add(
-            f"bound, {pixels}",
-            {name: getattr(made, name) for name in COLUMNS},
-            bounds.loc["paper_pair", pixels, 5],
-        )
+    for name in ("bound", "elevation", "factors", "gallery"):
+        for table in script(name).TABLES:
+            if table.again:
+                made, stored = (
+                    rows.select_dtypes("number").stack() for rows in made_and_stored(name, table)
+                )
+                labels = [f"{table.name}: {', '.join(map(str, label))}" for label in made.index]
+                found |= dict(zip(labels, made, strict=True))
+                shipped |= dict(zip(labels, stored, strict=True))
     away = {
         name: abs(found[name] - shipped[name]) / max(abs(shipped[name]), ZERO) for name in found
     }

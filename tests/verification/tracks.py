@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from trinolab.bench.recordings import render, standard_recording
+from trinolab.bench.rendering import render, standard_recording
 from trinolab.datasets import data_path, load_real_sets
 from trinolab.evaluation import evaluate
 from trinolab.files.fetch import why_not

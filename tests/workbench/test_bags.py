@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, paper_rig
-from trinolab.files import recorder
+from trinolab.files import recording_writer
 from trinolab.files.images import read_greys
 from trinolab.files.poses import pose_table, write_poses
 from trinolab.files.recording import open_folder
@@ -60,10 +60,10 @@ JOINTS = pd.DataFrame(
 def folder(tmp_path_factory):
     """A recording with its poses, the last of them lost, and the arm's motion."""
     root, rng = tmp_path_factory.mktemp("bags") / "r", np.random.default_rng(0)
-    partial = recorder.begin(root, RIG, CODED)
+    partial = recording_writer.begin(root, RIG, CODED)
     for k, T in enumerate(POSES):
-        recorder.add(partial, RIG, k, render_rig(RIG, CODED, T, Bench(), rng))
-    recorder.finish(root, np.arange(COUNT) / FPS)
+        recording_writer.add(partial, RIG, k, render_rig(RIG, CODED, T, Bench(), rng))
+    recording_writer.finish(root, np.arange(COUNT) / FPS)
     covariance = np.diag([0.03, 0.03, 0.03, 1e-4, 1e-4, 1e-4])
     poses = [Pose("measured", T, covariance, 0.1, 6, 3) for T in POSES[:-1]]
     table = pose_table([*poses, LOST], np.arange(COUNT) / FPS)
@@ -253,7 +253,7 @@ def test_raw_images_of_others_are_read(bag, tmp_path):
         for k, name in enumerate(cameras)
     )
     (tmp_path / "rig.toml").write_text(text)
-    recorder.write_handle(CODED, tmp_path / "handle.toml")
+    recording_writer.write_handle(CODED, tmp_path / "handle.toml")
     unpack_bag(
         tmp_path / "b", tmp_path / "r", read_rig(tmp_path / "rig.toml"), tmp_path / "handle.toml"
     )
@@ -476,10 +476,10 @@ def refusal(bag, folder):
 def test_a_damaged_bag_is_one_line(tmp_path):
     """Cut off, or some bytes changed: a ValueError that names it, or all is there."""
     rng = np.random.default_rng(0)
-    partial = recorder.begin(tmp_path / "r", RIG, CODED)
+    partial = recording_writer.begin(tmp_path / "r", RIG, CODED)
     width, height = RIG.cameras[0].size
-    recorder.add(partial, RIG, 0, [np.zeros((height, width), np.uint8)] * len(RIG.names))
-    recorder.finish(tmp_path / "r", [0.0])
+    recording_writer.add(partial, RIG, 0, [np.zeros((height, width), np.uint8)] * len(RIG.names))
+    recording_writer.finish(tmp_path / "r", [0.0])
     write_bag(tmp_path / "r", tmp_path / "b")
     whole = next((tmp_path / "b").glob("*.mcap")).read_bytes()
     for k in range(30):

@@ -143,7 +143,9 @@ def _region(camera: Camera, board: Board, T_world_board: RigidTransform) -> np.n
 
 
 def _seen(camera: Camera, board: Board, T_cam_board: RigidTransform, uv: Array) -> np.ndarray:
-    """What rays through pixels (n, 2) meet: nothing of the board, white or dark; uint8 (n,)."""
+    """The surface that rays through pixels (n, 2) meet: nothing of the board, white or dark; uint8
+    (n,).
+    """
     T_board_cam = T_cam_board.inv()
     origin = T_board_cam.translation
     xy = camera.normalise(uv)

@@ -46,7 +46,7 @@ class Capsules(NamedTuple):
 
 
 class CapsuleHits(NamedTuple):
-    """Where rays first meet capsules: ``depths`` (n,), infinite for a miss, and the outward
+    """First points where rays meet capsules: ``depths`` (n,), infinite for a miss, and the outward
     ``normals`` (n, 3).
     """
 
@@ -174,7 +174,7 @@ def _normals(start: Array, end: Array, radius: float, points: Array) -> Array:
 
 @dataclass(frozen=True)
 class Arm:
-    """How a hand holds the handle, and how it looks.
+    """A hand that holds the handle: its grip and its looks.
 
     Attributes
     ----------
@@ -257,7 +257,7 @@ def skin_grey(arm: Arm, points: Array) -> Array:
 def true_visibility(
     camera: Camera, handle: Handle, T_world_handle: RigidTransform, arm: Arm | None = None
 ) -> np.ndarray:
-    """Which markers a camera truly sees, bool (markers,).
+    """The markers that a camera truly sees, bool (markers,).
 
     Truly seen: slant at most 62 deg, at least 80 % of the marker not hidden by the body or by an
     arm, and all of it at least 10 px inside the image.
@@ -320,8 +320,8 @@ def _palm_and_thumb(arm: Arm, handle: Handle, radius: float) -> list[tuple[Array
 def _wrist_and_forearm(
     arm: Arm, T_world_handle: RigidTransform
 ) -> list[tuple[Array, Array, float]]:
-    """From the middle of the hand, across the axis towards the operator and away from the free end,
-    world frame.
+    """Capsules from the middle of the hand, across the axis towards the operator and away from the
+    free end, world frame.
     """
     axis = T_world_handle.rotation.as_matrix()[:, 1]
     towards = np.array(arm.forearm)

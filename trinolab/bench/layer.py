@@ -1,4 +1,4 @@
-"""What moves in front of the simulated bench's background: the light of handle and arm, and the
+"""Moving things in front of the simulated bench's background: the light of handle and arm, and the
 shadow they cast.
 
 An image before blur and noise is ``over(foreground(...), background)``. Only the window around
@@ -69,7 +69,9 @@ class Layer(NamedTuple):
 
 
 class _View(NamedTuple):
-    """All that one window shows: what may be seen where, bool (height, width), and what it is."""
+    """One window with all that it shows: the handle and arm, and the pixels that may see them, bool
+    (height, width).
+    """
 
     camera: Camera
     handle: Handle
@@ -277,7 +279,7 @@ def shadow(
 
 
 def _on_wall(points: Array, light: tuple[float, float, float]) -> Array:
-    """Where the shadows of points fall, world frame, shape (n, 3), mm; of those behind the wall,
+    """The shadows of points on the wall, world frame, shape (n, 3), mm; points behind the wall stay
     where they are.
     """
     distance = np.maximum(WALL_MM - points[:, 2], 0) / -light[2]

@@ -40,7 +40,7 @@ class OvalHandle(Handle):
 
 
 class Hits(NamedTuple):
-    """Where rays first meet the handle.
+    """First points where rays meet the handle.
 
     Attributes
     ----------
@@ -182,7 +182,7 @@ def marker_outline(handle: Handle, index: int, count: int = 64, scale: float = 1
 
 
 def _half_axes(handle: Handle) -> tuple[float, float]:
-    """Of a marker, around the body and along the axis, mm."""
+    """Half axes of a marker, around the body and along the axis, mm."""
     around = handle.marker_diameter_mm / 2
     return around, handle.marker_length_mm / 2 if isinstance(handle, OvalHandle) else around
 
@@ -205,7 +205,7 @@ def marker_area(handle: Handle, index: int) -> Array:
 
 
 def sample_offsets(count: int) -> Array:
-    """Where a pixel is sampled, relative to its centre, px: the centres of count x count cells,
+    """Sampling points of a pixel, relative to its centre, px: the centres of count x count cells,
     (count ** 2, 2).
     """
     steps = (np.arange(count) + 0.5) / count - 0.5
@@ -227,7 +227,8 @@ def _first_meeting(handle: Handle, origin: Array, directions: Array) -> tuple[Ar
 
 
 def _side_interval(radius: float, origin: Array, directions: Array) -> tuple[Array, Array]:
-    """Where rays enter and leave the endless cylinder, shapes (n,); NaN where they miss it.
+    """Ray parameters of entry into and exit from the endless cylinder, shapes (n,); NaN for rays
+    that miss it.
 
     The distance between ray and axis comes from a cross product, which keeps 1e-12 mm where the
     textbook discriminant of the quadratic cancels.

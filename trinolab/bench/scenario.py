@@ -98,7 +98,7 @@ def following(rig: Rig, poses: Sequence[RigidTransform | None]) -> list[Shot]:
 
 
 def hard(rig: Rig, times_s: ArrayLike, seed: int) -> list[Shot]:
-    """All that makes tracking hard, at the times above: see `HIDDEN` to `ABSENT_S`.
+    """A scenario with all that makes tracking hard, at the times above: see `HIDDEN` to `ABSENT_S`.
 
     A second hand hides one camera's view, the light steps by 1.5 and drifts, one camera is covered,
     the handle leaves the images and is away; motion smears the images over the exposure, and
@@ -148,8 +148,8 @@ def _gains(rig: Rig, t: float) -> tuple[float, ...]:
 
 
 def _hidden_from(rig: Rig, t: float) -> tuple[float, float, float] | None:
-    """From where the second hand hides the handle at a time: a camera's centre, or aside while it
-    comes and goes.
+    """The viewpoint from which the second hand hides the handle at a time: a camera's centre, or
+    aside while it comes and goes.
     """
     for begin, end, index in HIDDEN:
         if begin <= t < end:
@@ -171,7 +171,7 @@ def _aside(camera: Camera) -> Array:
 
 
 def _smooth_step(share: Array) -> Array:
-    """From 0 at 0 to 1 at 1, at rest at both."""
+    """A smooth step from 0 at 0 to 1 at 1, at rest at both."""
     share = np.clip(share, 0, 1)
     return share**2 * (3 - 2 * share)
 
@@ -195,8 +195,8 @@ def take(job: Job, frame: int, index: int) -> np.ndarray:
 
 
 def light_of(job: Job, frame: int, index: int) -> Array:
-    """What a camera gets to see at an instant, before noise and rounding, grey levels (height,
-    width).
+    """The light that reaches a camera at an instant, before noise and rounding, grey levels
+    (height, width).
     """
     camera = job.rig.cameras[index]
     shot = job.shots[frame]
@@ -223,7 +223,7 @@ def noisy(job: Job, frame: int, index: int, light: Array, draw: int = 0) -> np.n
 
 
 def seen_markers(job: Job, frame: int) -> list[int]:
-    """How many markers each camera truly sees at an instant; a covered camera none."""
+    """Numbers of markers that each camera truly sees at an instant; 0 for a covered camera."""
     shot = job.shots[frame]
     if shot.T_world_handle is None:
         return [0] * len(job.rig.cameras)

@@ -1,4 +1,4 @@
-"""From images of a target to a rig (Sect. 6.2).
+"""Calibration: images of a target to a rig (Sect. 6.2).
 
 `calibrate` is the command's way from files to files; its steps are `target` (points of a target in
 an image), `views` (which images belong together), `start` (a first camera in closed form), `eq25`

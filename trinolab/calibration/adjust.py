@@ -407,7 +407,7 @@ def inverse(normal: Normal) -> Array:
 def posed(
     calibrated: Calibrated, target: Array, uv: Array, T_world_target: Sequence[RigidTransform]
 ) -> Array:
-    """What the best poses of a target leave over, projected minus measured, with the cameras as they
+    """Residuals of the best poses of a target, projected minus measured, with the cameras as they
     are.
 
     Parameters

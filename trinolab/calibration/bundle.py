@@ -76,7 +76,7 @@ class Centres(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """What a bundle adjustment gives.
+    """The result of a bundle adjustment.
 
     Attributes
     ----------
@@ -107,7 +107,7 @@ class Bundle:
 
 
 class _State(NamedTuple):
-    """Where an adjustment stands: the unknowns of unit variance, the rig and the markers' centres
+    """The state of an adjustment: the unknowns of unit variance, the rig and the markers' centres
     that they give, and the poses as rotations (n, 3, 3) and translations (n, 3).
     """
 
@@ -120,7 +120,9 @@ class _State(NamedTuple):
 
 
 class _Problem(NamedTuple):
-    """What does not change: rig and markers as they were, the centres seen, the prior and B."""
+    """The constants of an adjustment: rig and markers as they were, the centres seen, the prior and
+    B.
+    """
 
     rig: Rig
     centres: Array
@@ -169,7 +171,7 @@ def adjust(rig: Rig, handle: Handle, poses: RigidTransform, seen: Centres, prior
     state = _placed(problem, start, matrices[:, :3, :3], matrices[:, :3, 3])
     factor = 1.0
     for _ in range(MOST_ROUNDS):  # the residuals say how large the noise is
-        state, at = _settled(problem, state, factor)
+        state, at = _minimised(problem, state, factor)
         reduced = _reduced(problem, state, at, factor)
         # nor are they better than that: errors that neighbours have in common do not show
         larger = max(factor * _noise(problem, at, reduced, factor), 1.0)
@@ -199,7 +201,7 @@ def _placed(problem: _Problem, u: Array, rotations: Array, translations: Array) 
     )
 
 
-def _settled(problem: _Problem, state: _State, factor: float) -> tuple[_State, _Linear]:
+def _minimised(problem: _Problem, state: _State, factor: float) -> tuple[_State, _Linear]:
     """The state of the lowest cost, for a noise that is larger by a factor, and its
     linearisation.
     """
@@ -218,7 +220,7 @@ def _settled(problem: _Problem, state: _State, factor: float) -> tuple[_State, _
 
 
 def _cost(problem: _Problem, state: _State, at: _Linear, factor: float) -> float:
-    """What is minimised, by half: Huber's function of the residuals, and the prior."""
+    """Half of the cost: Huber's function of the residuals, and the prior."""
     _, distance = _weights(problem.seen, at, factor)
     near = np.minimum(distance, HUBER)
     length = _length(problem, state)
@@ -287,8 +289,8 @@ def _weights(seen: Centres, at: _Linear, factor: float) -> tuple[Array, Array]:
 
 
 def _length(problem: _Problem, state: _State) -> tuple[Array, float, float] | None:
-    """How the stated length grows with the common unknowns, (15 c + 3 m,), by how much it is too
-    short, and its sigma, mm.
+    """Derivative of the stated length by the common unknowns, (15 c + 3 m,), the length that is
+    missing, and its sigma, mm.
     """
     length = problem.prior.length
     if length is None:
@@ -327,7 +329,9 @@ def _stepped(problem: _Problem, state: _State, reduced: Reduced) -> _State:
 
 
 def _noise(problem: _Problem, at: _Linear, reduced: Reduced, factor: float) -> float:
-    """How much larger the residuals are than expected, counting the unknowns that they decide."""
+    """The ratio of the residuals to the expected noise, corrected for the unknowns that they
+    decide.
+    """
     _, distance = _weights(problem.seen, at, factor)
     # of a common unknown the images decide the share that the prior does not
     decided = len(problem.B.T) - np.trace(np.linalg.inv(reduced.S))

@@ -1,5 +1,5 @@
-"""From images of a target to a rig file, with what a person needs to judge it: the command
-``trinolab calibrate``.
+"""The command ``trinolab calibrate``: images of a target to a rig file, with what a person needs to
+judge it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from tqdm import tqdm
 
 from ..camera import Camera
 from ..checks import Array
-from ..files.kept import sole_writer
+from ..files.journal import sole_writer
 from ..files.outputs import check_target, write_together
 from ..files.rigs import covariance_path, covariance_text, rig_text
 from ..rigid import left_jacobian
@@ -50,7 +50,7 @@ class RigCalibration(NamedTuple):
         T_world_cam, which is zero for the first camera. `sigma` is the standard deviation, 0 for
         what is fixed.
     views : pandas.DataFrame
-        A row a camera and view: `camera`, `view`, `status` (``used``, ``dropped``, ``missing``),
+        A row per camera and view: `camera`, `view`, `status` (``used``, ``dropped``, ``missing``),
         `points` found, `rms_px` and `worst_px` (NaN if not used), `reason` for what was dropped.
     passed_over : int
         Views that were not looked at.
@@ -294,7 +294,9 @@ def _known(lenses: str | Path, seen: TargetViews) -> list[Camera]:
 
 
 def _moved_px(uv: np.ndarray) -> float:
-    """How far a point moves over the views (views, n, 2), in the middle of those that are seen."""
+    """The distance that a point moves over the views (views, n, 2): the median of those that are
+    seen.
+    """
     valid = np.isfinite(uv)
     last = np.max(uv, axis=0, where=valid, initial=-np.inf)
     moved = (last - np.min(uv, axis=0, where=valid, initial=np.inf)).max(axis=1)

@@ -1,5 +1,5 @@
-"""How many distortion coefficients the views of a target can tell: by cross-validation over the
-views (Sect. 6.2).
+"""The number of distortion coefficients that the views of a target determine, by cross-validation
+over the views (Sect. 6.2).
 
 A lens model with more coefficients always fits its own views better, and its reported uncertainty
 speaks of noise alone. Whether it describes the lens is seen in views that were not used: cameras
@@ -129,19 +129,19 @@ def left_out_squares(target: Array, uv: Array, found: Calibrated) -> Array | Non
 
     Returns
     -------
-    ndarray, shape (views asked,)
+    ndarray, shape (views used,)
         None if what is left does not determine the cameras.
     """
     poses = {v: T for v, T in enumerate(found.T_world_target) if T is not None}
     used = np.array(list(poses))
-    asked = used[:: -(-len(used) // MOST_VIEWS)]
-    folds = min(FOLDS, len(asked))
-    squares = np.empty(len(asked))
+    views = used[:: -(-len(used) // MOST_VIEWS)]
+    folds = min(FOLDS, len(views))
+    squares = np.empty(len(views))
     for fold in range(folds):
-        out = np.arange(fold, len(asked), folds)
+        out = np.arange(fold, len(views), folds)
         try:
-            others = _without(target, uv, found, np.delete(asked, out))
-            left = posed(others, target, uv[:, asked[out]], [poses[v] for v in asked[out]])
+            others = _without(target, uv, found, np.delete(views, out))
+            left = posed(others, target, uv[:, views[out]], [poses[v] for v in views[out]])
         except ValueError:
             return None
         squares[out] = np.nanmean((left**2).sum(axis=3), axis=(0, 2))

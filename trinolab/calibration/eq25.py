@@ -9,10 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import RigidTransform
 
-from ..checks import Array, as_array, frozen
+from ..checks import Array, frozen
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,12 +82,3 @@ def mean_relative_pose(
     turns = (each.rotation * rotation.inv()).as_rotvec()
     scatter = np.cov(np.hstack([each.translation, turns]), rowvar=False)
     return RelativePose(mean, frozen(scatter / len(each)), len(each))
-
-
-def rotation_sigma(rotation: Rotation, covariance: ArrayLike) -> Array:
-    """Standard deviations of a rotation matrix's entries from the covariance (3, 3) of its rotation
-    vector, (3, 3).
-    """
-    C = as_array(covariance, "covariance", (3, 3))
-    slope = np.stack([np.cross(axis, rotation.as_matrix(), axisb=0, axisc=0) for axis in np.eye(3)])
-    return np.sqrt(np.maximum(np.einsum("kij,kl,lij->ij", slope, C, slope), 0.0))

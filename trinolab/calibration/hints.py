@@ -1,4 +1,4 @@
-"""What to try where a target is not found, or only a part of it (Sect. 6.2)."""
+"""Advice where a target is not found, or only a part of it (Sect. 6.2)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ AGREE = 2  # images on a larger chessboard: a shadow may look like one more row 
 
 
 def hint(target: Target) -> str:
-    """How a target was looked for where it is not found, and what to try."""
+    """A line about a target that is not found: what was looked for, and what to try."""
     charuco = target.kind == "charuco"
     tried = "dark on light and light on dark" + (", each as in a mirror as well" if charuco else "")
     options = "--board, --dictionary, " if charuco else "--board, "
@@ -25,8 +25,8 @@ def hint(target: Target) -> str:
 
 
 def larger(images: Sequence[np.ndarray], target: Target) -> str:
-    """Says so if images in which the target was found agree on a chessboard of more squares: a part of a
-    board is found as well, and not the same part by each camera.
+    """A line for images that agree on a chessboard of more squares; empty if they do not. A part of
+    a board is found as well, and not the same part by each camera.
     """
     if target.kind != "chessboard":
         return ""

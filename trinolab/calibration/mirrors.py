@@ -42,25 +42,25 @@ class Flipped(NamedTuple):
     seen : TargetViews
     cameras : tuple of str
         Those whose images are flipped.
-    sure : bool
+    unambiguous : bool
         Whether they are the ones that mirror. Without markers two groups of as many cameras leave it
         open which of both does.
     """
 
     seen: TargetViews
     cameras: tuple[str, ...]
-    sure: bool
+    unambiguous: bool
 
     @property
     def line(self) -> str:
-        """What was done, and what a user does next."""
+        """A line for the user: what was done, and what to do next."""
         names = ", ".join(self.cameras)
         others = ", ".join(name for name in self.seen.cameras if name not in self.cameras)
         rule = (
             f"the rig holds for images of {names} flipped left to right, in recordings as well "
             "(ffmpeg -i IN -vf hflip OUT)"
         )
-        if self.sure:
+        if self.unambiguous:
             return f"images of {names} are mirrored, else the cameras contradict each other: {rule}"
         return (
             f"images of {names} or of {others} are mirrored, else they contradict each other: taken is "
@@ -86,13 +86,13 @@ def unmirrored(seen: TargetViews, target: Target) -> Flipped | None:
     group = np.array([order.mirrored for order in orders])
     visible = np.array(np.isfinite(seen.uv).any(axis=(2, 3)))
     shares = [seen.mirrored[of].sum() / visible[of].sum() for of in (~group, group)]
-    sure = True
+    unambiguous = True
     flipped: np.ndarray
     if shares[0] != shares[1]:
         flips_group = bool(shares[1] > shares[0])
     else:
         flips_group = bool(2 * group.sum() <= group.size)
-        sure = 2 * int(group.sum()) != group.size
+        unambiguous = 2 * int(group.sum()) != group.size
     flipped = np.equal(group, flips_group)
     uv = np.array(seen.uv)
     for k in np.flatnonzero(flipped):
@@ -101,7 +101,7 @@ def unmirrored(seen: TargetViews, target: Target) -> Flipped | None:
     names = tuple(
         name for name, is_flipped in zip(seen.cameras, flipped, strict=True) if is_flipped
     )
-    return Flipped(seen._replace(uv=frozen(uv), mirrored=frozen(mirrored)), names, sure)
+    return Flipped(seen._replace(uv=frozen(uv), mirrored=frozen(mirrored)), names, unambiguous)
 
 
 def flipped_lens(camera: Camera) -> Camera:
@@ -171,8 +171,8 @@ def _agreeing(rotations: Sequence[Array], orders: Sequence[Order]) -> list[Order
 
 
 def _spread(first: Array, order: Order, second: Array, other: Order) -> float:
-    """How far the relative rotations of two cameras turn from view to view, rad: the middle, from the
-    one that is nearest to most; infinite for too few views.
+    """The change of the relative rotation of two cameras from view to view, rad: the median, from
+    the rotation that is nearest to most; infinite for too few views.
     """
     left = order.image @ first @ order.board
     relative = other.image @ second @ other.board @ left.transpose(0, 2, 1)

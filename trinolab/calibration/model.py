@@ -25,7 +25,7 @@ from .normal import Normal
 
 
 class State(NamedTuple):
-    """Where an adjustment stands.
+    """The state of an adjustment.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Images(NamedTuple):
 
 
 def images(state: State, target: Array) -> Images:
-    """Where the cameras see the points (n, 3) of the target in each view."""
+    """The images of the target's points (n, 3) in each camera and view."""
     arms = target @ state.T_world_target[:, :3, :3].transpose(0, 2, 1)  # (views, n, 3)
     world = arms + state.T_world_target[:, None, :3, 3]
     cameras = [

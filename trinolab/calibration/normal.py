@@ -78,7 +78,7 @@ class Reduced(NamedTuple):
 
 
 class Descent(NamedTuple):
-    """Where damped steps have led: the state, its linearisation and its cost, and whether they came
+    """The result of damped steps: the state, its linearisation and its cost, and whether they came
     to rest.
     """
 

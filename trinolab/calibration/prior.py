@@ -1,4 +1,5 @@
-"""What is known of a rig and a handle before a bundle adjustment, and the unknowns that it leaves.
+"""Prior knowledge of a rig and a handle before a bundle adjustment, and the unknowns that it
+leaves.
 
 **Unknowns of unit variance.** With P = B B^T and g = B u the prior of u is the unit matrix. What is known
 exactly has no column in B, and px, mm and rad stand on one footing.
@@ -42,7 +43,7 @@ class Length(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """What is known before.
+    """Prior knowledge of a rig and a handle.
 
     Attributes
     ----------
@@ -60,8 +61,7 @@ class Prior(NamedTuple):
 
 
 def prior_of(rig: Rig, handle: Handle, length: Length | None = None) -> Prior:
-    """What is known of a rig and a handle before: what they state, else what is usual
-    (`default_covariance`).
+    """The prior of a rig and a handle: what they state, else the `default_covariance`.
 
     A rig that states nothing has the scale held by the distance of its first two cameras, if no
     other length is given. So does one that is stated to be exact, as the bench's is: who adjusts it
@@ -72,7 +72,9 @@ def prior_of(rig: Rig, handle: Handle, length: Length | None = None) -> Prior:
     if handle.placement_sigma_mm == 0:
         handle = replace(handle, placement_sigma_mm=None)
     if rig.covariance is None:
-        length = length or Length("cameras", 0, 1, _distance(rig, 0, 1))
+        first, second = (camera.centre for camera in rig.cameras[:2])
+        baseline_mm = float(np.linalg.norm(first - second))
+        length = length or Length("cameras", 0, 1, baseline_mm)
     known = known_covariance(rig)
     covariance = _held_by_first(rig, students_factor(known.freedom) * known.matrix)
     return Prior(frozen(covariance), known_placement_mm(handle), length)
@@ -93,10 +95,6 @@ def _held_by_first(rig: Rig, covariance: Array) -> Array:
     held[POSE] = 0.0
     held[:, POSE] = 0.0
     return (held + held.T) / 2
-
-
-def _distance(rig: Rig, a: int, b: int) -> float:
-    return float(np.linalg.norm(rig.cameras[a].centre - rig.cameras[b].centre))
 
 
 def basis(handle: Handle, prior: Prior) -> Array:

@@ -55,7 +55,7 @@ def check_scale(seen: TargetViews, target: Target) -> None:
 
 
 def distance_of_target(found: Calibrated, target: Target) -> str:
-    """What the target's size makes of a calibration, in a line."""
+    """A line about a calibration: the distances of cameras and target by the target's stated size."""
     first, *others = found.cameras
     apart = ", ".join(
         f"{camera.name} {np.linalg.norm(camera.centre - first.centre):.4g} mm" for camera in others

@@ -154,7 +154,7 @@ def _normalised(points: Array) -> tuple[Array, Array]:
 
 
 def _equations(H: Array) -> Array:
-    """Two rows a homography for b = (B11, B22, B13, B23, B33), shape (2 m, 5)."""
+    """Two rows per homography for b = (B11, B22, B13, B23, B33), shape (2 m, 5)."""
 
     def row(i: int, j: int) -> Array:
         a, b = H[:, :, i], H[:, :, j]

@@ -47,7 +47,7 @@ CLOSE = 0.03  # of log s
 
 
 class Synchrony(NamedTuple):
-    """When cameras take their images of a view.
+    """The times at which cameras take their images of a view.
 
     Attributes
     ----------
@@ -73,12 +73,12 @@ class _Fit(NamedTuple):
 
 
 class _Motion(NamedTuple):
-    """How the target's points move in the images.
+    """The motion of the target's points in the images.
 
     Attributes
     ----------
     velocity : ndarray, shape (cameras, views, n, 2)
-        px by the unit of time.
+        px per unit of time.
     axes : ndarray, shape (cameras, views, 2 n, 6)
         Left singular vectors of B: the ways in which the points of an image move together.
     squares : ndarray, shape (cameras, views, 6)
@@ -97,8 +97,8 @@ class _Motion(NamedTuple):
 
 
 class _Problem(NamedTuple):
-    """What is fitted: the target, the points that are used (NaN: none), how many of the common unknowns
-    are held, and the motion.
+    """The constants of a fit: the target, the points that are used (NaN: none), how many of the
+    common unknowns are held, and the motion.
     """
 
     target: Array
@@ -132,7 +132,7 @@ class _Problem(NamedTuple):
         return _Fit(state, delays, found.linear, found.cost)
 
     def seen(self, state: State, delays: Array) -> Images:
-        """Where the points are seen at the cameras' own times."""
+        """The images of the points at the cameras' own times."""
         at = images(state, self.target)
         if not len(delays):
             return at

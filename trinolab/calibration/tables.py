@@ -1,6 +1,6 @@
-"""What other programs know before a calibration: lenses, and points of a target as one long table with
-the columns `COLUMNS`, which caliscope's ``xy.csv`` and Anipose's ``detections.pickle`` are read into
-(Sect. 6.2).
+"""Files of other programs that a calibration reads: lenses, and points of a target as one long
+table with the columns `COLUMNS`, which caliscope's ``xy.csv`` and Anipose's ``detections.pickle``
+are read into (Sect. 6.2).
 
 A pickle can run any program. What is read here may hold lists, numbers and arrays of them, and nothing
 else.

@@ -191,7 +191,7 @@ class Target:
 
     @property
     def side_of_marker(self) -> float:
-        """Of a ChArUco board, mm."""
+        """Side of a ChArUco board's marker, mm."""
         return _MARKER_SHARE * self.square_mm if self.marker_mm is None else self.marker_mm
 
     @property
@@ -225,8 +225,8 @@ class Target:
         return f"{self.kind}, {self.columns} x {self.rows} {COUNTED[self.kind]}"
 
 
-class Look(NamedTuple):
-    """How a target looks in an image.
+class Appearance(NamedTuple):
+    """The appearance of a target in an image.
 
     Attributes
     ----------
@@ -241,23 +241,23 @@ class Look(NamedTuple):
     mirrored: bool = False
 
 
-class Sighting(NamedTuple):
-    """What an image shows of a target: its points, shape (n, 2), px, NaN for those that are not
-    found, and how it looks.
+class Detection(NamedTuple):
+    """A target in an image: its points, shape (n, 2), px, NaN for those that are not found, and its
+    appearance.
     """
 
     uv: Array
-    look: Look
+    appearance: Appearance
 
 
-def looks(target: Target) -> tuple[Look, ...]:
-    """How a target may look, the usual first. Chessboards and circles look in a mirror as they do
-    without one.
+def appearances(target: Target) -> tuple[Appearance, ...]:
+    """Possible appearances of a target, the usual first. Chessboards and circles look in a mirror
+    as they do without one.
     """
-    usual = (Look(), Look(inverted=True))
+    usual = (Appearance(), Appearance(inverted=True))
     if target.kind != "charuco":
         return usual
-    return (*usual, *(look._replace(mirrored=True) for look in usual))
+    return (*usual, *(one._replace(mirrored=True) for one in usual))
 
 
 def find_target(image: ArrayLike, target: Target) -> Array:
@@ -283,17 +283,17 @@ def find_target(image: ArrayLike, target: Target) -> Array:
     ValueError
         If `image` is no grey image of 8 bit.
     """
-    return sight_target(image, target, looks(target)).uv
+    return detect_target(image, target, appearances(target)).uv
 
 
-def sight_target(image: ArrayLike, target: Target, tried: Sequence[Look]) -> Sighting:
+def detect_target(image: ArrayLike, target: Target, tried: Sequence[Appearance]) -> Detection:
     """Find a target's points as `find_target` does, and say how the target looks.
 
     Parameters
     ----------
     image : array_like of uint8, shape (height, width)
     target : Target
-    tried : sequence of Look
+    tried : sequence of Appearance
         How the target may look, one or more, the likeliest first: the first with enough points is
         taken, else that with the most.
 
@@ -305,39 +305,41 @@ def sight_target(image: ArrayLike, target: Target, tried: Sequence[Look]) -> Sig
     grey = as_image(image, "image")
     if grey.dtype != np.uint8:
         raise ValueError(f"image: expected 8 bit, got {grey.dtype}")
-    best = Sighting(frozen(np.full((len(target.points), 2), np.nan)), tried[0])
+    best = Detection(frozen(np.full((len(target.points), 2), np.nan)), tried[0])
     # OpenCV refuses images of a few pixels
     if min(grey.shape) < _LEAST_PX * min(target.columns, target.rows):
         return best
     most = 0
-    for look in tried:
-        uv = _points_of(grey, target, look)
+    for appearance in tried:
+        uv = _points_of(grey, target, appearance)
         count = int(np.isfinite(uv).all(axis=1).sum())
         if count > most:
             most = count
-            best = Sighting(frozen(upright_corners(uv, target) if target.two_ways else uv), look)
+            best = Detection(
+                frozen(upright_corners(uv, target) if target.two_ways else uv), appearance
+            )
         if count >= _ENOUGH:
             break
     return best
 
 
-def as_usual(grey: np.ndarray, look: Look) -> np.ndarray:
+def as_usual(grey: np.ndarray, appearance: Appearance) -> np.ndarray:
     """The image in which a target that looks like that would be dark on light, and not in a
     mirror.
     """
-    dark = 255 - grey if look.inverted else grey
-    return np.ascontiguousarray(dark[:, ::-1]) if look.mirrored else dark
+    dark = 255 - grey if appearance.inverted else grey
+    return np.ascontiguousarray(dark[:, ::-1]) if appearance.mirrored else dark
 
 
-def _points_of(grey: np.ndarray, target: Target, look: Look) -> Array:
+def _points_of(grey: np.ndarray, target: Target, appearance: Appearance) -> Array:
     """The points (n, 2) of a target that looks like that, NaN for what was not found."""
-    usual = as_usual(grey, look)
+    usual = as_usual(grey, appearance)
     if target.kind == "chessboard":
         uv = find_corners(usual, target.board, None)
         # OpenCV counts from the corner at which a square of one colour is: here of the other one
-        return uv[::-1] if look.inverted else uv
+        return uv[::-1] if appearance.inverted else uv
     uv = _charuco(usual, target) if target.kind == "charuco" else _circles(usual, target)
-    if look.mirrored:
+    if appearance.mirrored:
         uv[:, 0] = grey.shape[1] - 1 - uv[:, 0]
     return uv
 
@@ -375,7 +377,7 @@ def _charuco(grey: np.ndarray, target: Target) -> Array:
 
 
 def _free_share(target: Target) -> float:
-    """How far from a corner the nearest marker begins, as a share of a square: a window should not
+    """Distance from a corner to the nearest marker, as a share of a square: a window should not
     reach it.
     """
     return (1 - target.side_of_marker / target.square_mm) / 2

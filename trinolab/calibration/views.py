@@ -16,7 +16,7 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 from ..checks import Array, as_whole, frozen
 from ..files.images import is_image, read_greys
 from ..files.recording import Footage, frames_of, open_footage
-from .target import Look, Sighting, Target, looks, sight_target
+from .target import Appearance, Detection, Target, appearances, detect_target
 
 # Images that are looked at first where there are three times as many: if none shows the target, an image
 # without it takes longest, and there is no use in looking at them all.
@@ -29,7 +29,7 @@ SURE = 5
 
 
 class TargetViews(NamedTuple):
-    """What cameras saw of a target.
+    """The points of a target in the images of the cameras.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class TargetViews(NamedTuple):
     passed_over : int
         Views that were not looked at, because there were more than asked for.
     inverted, mirrored : ndarray of bool, shape (cameras, views)
-        Whether the target was found in light on dark, and as in a mirror, see `target.Look`.
+        Whether the target was found in light on dark, and as in a mirror, see `target.Appearance`.
     showing : tuple of ndarray
         A few images in which it was found.
     unseen : int
@@ -180,39 +180,39 @@ def _matching(pattern: Path) -> _Source:
 def _found(
     opened: dict[str, _Source], chosen: list[str], target: Target, progress: bool
 ) -> TargetViews:
-    """What the chosen views show, none passed over; of many images a few first."""
+    """The target in the chosen views, none passed over; of many images a few are looked at first."""
     every = {
         name: [label for label in chosen if label in set(source.labels)]
         for name, source in opened.items()
     }
     count = sum(map(len, every.values()))
-    known = dict[tuple[str, str], Sighting]()
+    known = dict[tuple[str, str], Detection]()
     if count > 3 * FIRST:
         each = max(FEWEST_FIRST, -(-FIRST // len(opened)))
         first = {name: _spread(labels, each) for name, labels in every.items()}
-        seen = _sighted(opened, chosen, first, target, progress, known)
+        seen = _detected(opened, chosen, first, target, progress, known)
         if not np.isfinite(seen.uv).any():
             return seen._replace(unseen=count - sum(map(len, first.values())))
-    return _sighted(opened, chosen, every, target, progress, known)
+    return _detected(opened, chosen, every, target, progress, known)
 
 
 def _spread(labels: list[str], count: int) -> list[str]:
-    """So many of the labels, each from the middle of as large a part of them."""
+    """A number of the labels, each from the middle of an equal part of them."""
     if len(labels) <= count:
         return labels
     return [labels[(2 * k + 1) * len(labels) // (2 * count)] for k in range(count)]
 
 
-def _sighted(
+def _detected(
     opened: dict[str, _Source],
     chosen: list[str],
     wanted: Mapping[str, list[str]],
     target: Target,
     progress: bool,
-    known: dict[tuple[str, str], Sighting],
+    known: dict[tuple[str, str], Detection],
 ) -> TargetViews:
-    """What those of the chosen views show that are wanted of each camera. What an image shows is added
-    to what is `known` by its camera and label, and taken from there.
+    """The target in those of the chosen views that are wanted of each camera. Each detection is
+    added to `known` by its camera and label, and taken from there.
     """
     shape = (len(opened), len(chosen))
     uv = np.full((*shape, len(target.points), 2), np.nan)
@@ -220,7 +220,7 @@ def _sighted(
     sizes = list[tuple[int, int]]()
     showing = list[np.ndarray]()
     reported: set[str] = set()
-    by_all = Counter[Look]()
+    by_all = Counter[Appearance]()
     count = sum(map(len, wanted.values()))
     with (
         logging_redirect_tqdm(),
@@ -228,21 +228,21 @@ def _sighted(
     ):
         for k, (name, source) in enumerate(opened.items()):
             size = None
-            by_camera = Counter[Look]()
+            by_camera = Counter[Appearance]()
             for label, image, path in _images(source, wanted[name], reported):
                 size = _same_size(image, size, path)
                 v = chosen.index(label)
-                grey = _eight_bit(image)
+                grey = image if image.dtype == np.uint8 else np.rint(image).astype(np.uint8)
                 if (name, label) not in known:
                     tried = _likeliest(target, by_camera, by_all)
-                    known[name, label] = sight_target(grey, target, tried)
-                uv[k, v], look = known[name, label]
+                    known[name, label] = detect_target(grey, target, tried)
+                uv[k, v], appearance = known[name, label]
                 present[k, v] = True
                 bar.update()
                 if np.isfinite(uv[k, v]).any():
-                    inverted[k, v], mirrored[k, v] = look
-                    by_camera[look] += 1
-                    by_all[look] += 1
+                    inverted[k, v], mirrored[k, v] = appearance
+                    by_camera[appearance] += 1
+                    by_all[appearance] += 1
                     if len(showing) < MOST_SHOWING:
                         showing.append(grey)
             if size is None:
@@ -261,19 +261,23 @@ def _sighted(
     )
 
 
-def _likeliest(target: Target, by_camera: Counter[Look], by_all: Counter[Look]) -> list[Look]:
-    """How the target may look in the next image of a camera, by how often it looked like that."""
-    light = sum(count for look, count in by_all.items() if look.inverted)
+def _likeliest(
+    target: Target, by_camera: Counter[Appearance], by_all: Counter[Appearance]
+) -> list[Appearance]:
+    """The target's appearances in the next image of a camera, the most frequent so far first."""
+    light = sum(count for appearance, count in by_all.items() if appearance.inverted)
     dark = by_all.total() - light
     prints = {True: light, False: dark}
     # a chessboard may be found in an image and in its negative: one of both is never sure
     sure = abs(light - dark) >= SURE and target.kind != "chessboard"
     possible = [
-        look
-        for look in looks(target)
-        if not sure or prints[look.inverted] > prints[not look.inverted]
+        appearance
+        for appearance in appearances(target)
+        if not sure or prints[appearance.inverted] > prints[not appearance.inverted]
     ]
-    return sorted(possible, key=lambda look: (-by_camera[look], -prints[look.inverted]))
+    return sorted(
+        possible, key=lambda appearance: (-by_camera[appearance], -prints[appearance.inverted])
+    )
 
 
 def look_lines(seen: TargetViews) -> list[str]:
@@ -323,10 +327,6 @@ def _same_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> t
             + ("; likely it was turned between them" if new == size[::-1] else "")
         )
     return new
-
-
-def _eight_bit(image: np.ndarray) -> np.ndarray:
-    return image if image.dtype == np.uint8 else np.rint(image).astype(np.uint8)
 
 
 def _frame_name(frame: int) -> str:

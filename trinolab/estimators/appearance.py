@@ -1,5 +1,5 @@
-"""What a wrapped marker's image looks like: windows of pixels about markers, and what each pixel
-shows before the blur.
+"""The image of a wrapped marker: windows of pixels about markers, and the light of each pixel
+before the blur.
 
 A pixel's ray meets the cylinder in closed form; distances from the marker's edge and from the
 body's outline give the share of the pixel's area that each covers (`loops.draw`). A view is a marker
@@ -21,7 +21,7 @@ from ..rigid import rotation_of
 
 
 class Views(NamedTuple):
-    """Which markers in which images: index of the camera and of the marker, each of shape (k,)."""
+    """Pairs of image and marker: index of the camera and of the marker, each of shape (k,)."""
 
     camera: np.ndarray
     marker: np.ndarray
@@ -53,7 +53,7 @@ class Windows(NamedTuple):
 
     @property
     def pixels(self) -> int:
-        """How many a cell has."""
+        """The number of pixels of a cell."""
         return self.cell[0] * self.cell[1]
 
     @property
@@ -179,10 +179,8 @@ def _neighbours(handle: Handle, nearest: int = 2) -> np.ndarray:
     """Indices (markers, nearest) of each marker's nearest neighbours on the surface."""
     theta = handle.marker_angles
     axial = handle.marker_centres[:, 1]
-    gap = np.hypot(handle.radius_mm * _wrapped(theta[:, None] - theta), axial[:, None] - axial)
+    turn = theta[:, None] - theta
+    turn -= 2 * np.pi * np.round(turn / (2 * np.pi))
+    gap = np.hypot(handle.radius_mm * turn, axial[:, None] - axial)
     np.fill_diagonal(gap, np.inf)
     return gap.argsort(axis=1)[:, :nearest]
-
-
-def _wrapped(angle: Array) -> Array:
-    return angle - 2 * np.pi * np.round(angle / (2 * np.pi))

@@ -1,5 +1,4 @@
-"""Where the centroid of a wrapped marker's image lies, and centroids measured to a hundredth of a
-pixel.
+"""Centroids of wrapped markers: predicted from a pose, and measured to a hundredth of a pixel.
 
 The centroid is the mean of the image over the marker's visible part. A piece of the surface counts
 by the area of its image, which falls with the cosine between normal and line of sight and with the
@@ -249,8 +248,7 @@ def centre_pixels(
     max_slant_deg: float,
     rounds: int = 2,
 ) -> CentrePixels | None:
-    """Where the centres of markers are in the images: where a pose predicts them, shifted as the
-    centroids are.
+    """Images of the markers' centres: predicted by a pose, and shifted as the centroids are.
 
     Parameters as for `reprojection.fit_centroids`; windows that show no marker are left out. None
     if all do not.

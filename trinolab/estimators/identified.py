@@ -1,4 +1,4 @@
-"""What an estimator is given: the images of an instant, with its markers identified."""
+"""The input of an estimator: the images of an instant, with its markers identified."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Identified(NamedTuple):
     Attributes
     ----------
     images : sequence of ndarray, shape (height, width)
-        One a camera.
+        One per camera.
     uv : ndarray, shape (cameras, markers, 2)
         Pixels of the markers found; NaN where a camera has none.
     T_world_handle : RigidTransform

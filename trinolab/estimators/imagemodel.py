@@ -340,7 +340,7 @@ def noise_of(at: Linear, pixels: int, used: np.ndarray | None = None) -> Noise:
 
 
 def _robust_variance(sizes: Array) -> float:
-    """From the median of sizes of residuals, for a normal distribution; grey levels squared."""
+    """A variance from the median absolute residual of a normal distribution; grey levels squared."""
     return float((1.4826 * np.median(sizes)) ** 2)
 
 

@@ -299,8 +299,8 @@ def border_factors(taps, size, factors):
 
 @_reordered
 def light(layers, lights):
-    """What marker and body send to each cell at grey level 1 for each function of the shading,
-    (8, p): the marker's four, then the body's; see `appearance.shading_basis`.
+    """Light from marker and body in each cell at grey level 1 for each function of the shading, (8,
+    p): the marker's four, then the body's; see `appearance.shading_basis`.
     """
     sine = layers[SINE]
     versine = layers[VERSINE]
@@ -425,7 +425,7 @@ def linearise(xy, R, start, by_u, by_v, marker, others, body, side, taps, reache
     xy : ndarray, shape (2, k, p)
         Normalised ideal coordinates of the pixels; p = side * side.
     R, start, by_u, by_v, marker, others, body
-        As in `draw`, one entry a window but for the body.
+        As in `draw`, one entry per window but for the body.
     taps : ndarray, shape (cameras, n)
         Weights of each camera's blur, of which the first 2 * reach + 1 count.
     reaches : ndarray of int, shape (cameras,)
@@ -699,7 +699,7 @@ def advance(model, rows, n, step, greys_step, greys_by_other, greys):
 
 @_reordered
 def tally(model, sums):
-    """Of each window the sums (k, 4): chi-square, number of pixels that count, sum of squares of
+    """Sums over each window (k, 4): chi-square, number of pixels that count, sum of squares of
     their residuals, and the largest weight.
     """
     for k in range(model.shape[0]):

@@ -72,22 +72,22 @@ def linear_fit(
     from ..uncertainty.components import LIGHT
 
     T = T_world_handle
-    answers = fit_response(uv, rig, handle, max_slant_deg)
-    k = len(answers.points)
+    sensitivity = fit_response(uv, rig, handle, max_slant_deg)
+    k = len(sensitivity.points)
     predicted = np.empty((k, 2))
     for c, camera in enumerate(rig.cameras):
-        mine = answers.camera == c
-        predicted[mine] = image_of(camera, answers.points[mine])
-    slant = by_slant(answers, T, rig, handle)
+        mine = sensitivity.camera == c
+        predicted[mine] = image_of(camera, sensitivity.points[mine])
+    slant = by_slant(sensitivity, T, rig, handle)
     noise = NOISE_PX**2 * np.eye(2 * k) + np.outer(slant, slant)
-    explained = motion_slopes(rig, answers.camera, answers.points, T.translation)
+    explained = motion_slopes(rig, sensitivity.camera, sensitivity.points, T.translation)
     return LinearFit(
         T,
-        answers.covariance_by(noise),
-        answers,
-        uv[answers.camera, answers.marker] - predicted,
+        sensitivity.covariance_by(noise),
+        sensitivity,
+        uv[sensitivity.camera, sensitivity.marker] - predicted,
         noise,
         explained.reshape(2 * k, 6),
-        (by_light(answers, T, rig, handle), LIGHT),
+        (by_light(sensitivity, T, rig, handle), LIGHT),
         is_efficient=False,
     )

@@ -26,7 +26,7 @@ SATURATED = 250.0  # grey levels; a brighter pixel has no weight
 
 
 class Grid(NamedTuple):
-    """How windows are divided.
+    """The division of windows into cells.
 
     Attributes
     ----------
@@ -79,8 +79,8 @@ class Patches(NamedTuple):
     by_motion: Array
 
     def ways_px(self, motion: Array) -> Array:
-        """By how much what lies in the middle moves in the image, shape (k, 2), px, as the handle
-        makes a motion (6,), mm and rad, world frame.
+        """Displacement of each window's middle in the image, shape (k, 2), px, for a motion (6,) of
+        the handle, mm and rad, world frame.
         """
         return self.by_motion @ motion
 
@@ -95,7 +95,7 @@ def patches(
     """Windows about all markers that a pose turns to a camera by at most a slant, as far as they
     lie in its image.
     """
-    seen = _seen(rig, handle, T_world_handle)
+    seen = _marker_views(rig, handle, T_world_handle)
     facing = seen.slant < np.deg2rad(max_slant_deg)
     side = 2 * int(np.ceil(min(seen.largest_px(facing, handle), LARGEST_PX) / 2 + MARGIN_PX)) + 1
     views = Views(*np.nonzero(facing))
@@ -118,7 +118,7 @@ def moving_patches(
     They have room for the smeared marker. The handle is drawn in larger ones, with at most
     `most_cells` cells in all: the longer the way, the coarser they are.
     """
-    seen = _seen(rig, handle, T_world_handle)
+    seen = _marker_views(rig, handle, T_world_handle)
     facing = seen.slant < np.deg2rad(max_slant_deg)
     largest = seen.largest_px(facing, handle)
     views = Views(*np.nonzero(facing))
@@ -141,8 +141,8 @@ def moving_patches(
     return here._replace(alone=_alone(here), by_motion=by_motion)
 
 
-class Seen(NamedTuple):
-    """What cameras see of a handle's markers: pixels (cameras, n, 2), slant, rad, and pixels to a
+class MarkerViews(NamedTuple):
+    """A handle's markers as cameras see them: pixels (cameras, n, 2), slant, rad, and pixels per
     millimetre across the line of sight, (cameras, n).
     """
 
@@ -155,7 +155,7 @@ class Seen(NamedTuple):
         return float(handle.marker_diameter_mm * self.px_per_mm[facing].max(initial=0.0))
 
 
-def _seen(rig: Rig, handle: Handle, T_world_handle: RigidTransform) -> Seen:
+def _marker_views(rig: Rig, handle: Handle, T_world_handle: RigidTransform) -> MarkerViews:
     """The markers of a pose in all cameras, whatever hides them."""
     centres = T_world_handle.apply(handle.marker_centres)
     normals = handle.marker_normals @ rotation_of(T_world_handle).T
@@ -163,13 +163,13 @@ def _seen(rig: Rig, handle: Handle, T_world_handle: RigidTransform) -> Seen:
     views = views_of(rig)
     depth = centres @ views.rotations[:, 2].T + views.translations[:, 2]  # (n, cameras)
     px_per_mm = views.focal.mean(axis=1)[:, None] / depth.T
-    return Seen(uv, angles_to(centres, normals, views.centres[:, None]), px_per_mm)
+    return MarkerViews(uv, angles_to(centres, normals, views.centres[:, None]), px_per_mm)
 
 
 def cut(
     images: Sequence[np.ndarray],
     rig: Rig,
-    seen: Seen,
+    seen: MarkerViews,
     views: Views,
     points: Array,
     grid: Grid,
@@ -207,7 +207,7 @@ def _pixels(images: Sequence[np.ndarray], views: Views, at: Windows) -> Array:
 
 
 def _of_cells(combine: np.ufunc, pixels: Array, cell: tuple[int, int]) -> Array:
-    """What each cell's pixels make together, shape (k, p), of windows (k, height, width)."""
+    """Sums over each cell's pixels, shape (k, p), of windows (k, height, width)."""
     width, height = cell
     # a slice for each pixel of a cell: NumPy is slow along axes of two or three
     parts = [pixels[:, v::height, u::width] for v in range(height) for u in range(width)]

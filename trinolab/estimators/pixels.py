@@ -54,11 +54,11 @@ from .rows import BLUR, EXPOSURE, POSE
 FLOOR_PX = 0.003
 MOST_STEPS = 8  # Gauss-Newton steps; two do where two cameras share markers
 # a step that moves all markers by less is the last one: the next would move them by a hundredth
-SETTLED_PX = 0.1
+CONVERGED_PX = 0.1
 # The same of a handle that moves: smeared markers are seen less exactly, and not in each direction.
-SETTLED_MOVING_PX = 0.3
+CONVERGED_MOVING_PX = 0.3
 # A step is the last one if it is short, or the next one would be: each is shorter by the same share.
-SETTLED_SIGMAS = 1.0
+CONVERGED_SIGMAS = 1.0
 NEXT_SIGMAS = 0.4
 
 # A pose is lost if it is a false one with a larger probability, see `uncertainty.Assessment.wrong`.
@@ -107,7 +107,7 @@ class Fit(NamedTuple):
         To first order, for `uncertainty.assess`.
     smear_px : float
         How long the markers are smeared in the camera where that is most: of a handle that moves by
-        its motion, of one that is still where it was asked for; else NaN.
+        its motion, of one that is still where motion blur was looked for; else NaN.
     """
 
     T_world_handle: RigidTransform
@@ -120,10 +120,10 @@ class Fit(NamedTuple):
     smear_px: float = np.nan
 
 
-class _Taken(NamedTuple):
-    """A Gauss-Newton step of pose and blurs as it was taken: the states before and after it, the
+class _Update(NamedTuple):
+    """A Gauss-Newton update of pose and blurs: the states before and after it, the
     model after it, to first order, the windows' normal equations, and which windows have contrast.
-    `sigmas` is how far the pose moved, by its own standard deviation; `settled` whether the next step
+    `sigmas` is how far the pose moved, by its own standard deviation; `converged` whether the next step
     would hardly move it.
     """
 
@@ -134,7 +134,7 @@ class _Taken(NamedTuple):
     model: Linear
     normal: Reduced
     contrast: np.ndarray
-    settled: bool = True
+    converged: bool = True
 
 
 class _Step(NamedTuple):
@@ -150,7 +150,7 @@ class _Step(NamedTuple):
     normal: Reduced
     weight: Array
     sigmas: float
-    settled: bool
+    converged: bool
 
 
 def fit_patches(
@@ -169,7 +169,7 @@ def fit_patches(
     Parameters
     ----------
     images : sequence of ndarray, shape (height, width)
-        Grey levels 0 to 255, one image a camera.
+        Grey levels 0 to 255, one image per camera.
     rig : Rig
     handle : Handle
     start : RigidTransform
@@ -198,10 +198,10 @@ def fit_patches(
         rounds = (COARSE, FINE) if is_far else (FINE,)
         return _moving_fit(images, rig, handle, start, max_slant_deg, motion_blur, rounds, work)
     windows = patches(images, rig, handle, start, max_slant_deg)
-    taken = _fitted(first_state(start, rig), windows, rig, handle, MOST_STEPS, work)
-    if taken is None:
+    update = _fitted(first_state(start, rig), windows, rig, handle, MOST_STEPS, work)
+    if update is None:
         return None
-    return _fit_of(_concluded(taken, windows, rig), taken.after, rig, handle, smear_above)
+    return _fit_of(_concluded(update, windows, rig), update.after, rig, handle, smear_above)
 
 
 @cache
@@ -235,16 +235,16 @@ def _moving_fit(
     *first, last = rounds
     for most in first:
         windows = _moving_windows(images, state, max_slant_deg, rig, handle, most)
-        taken = _stepped(state, windows, rig, handle, most.steps, work)
-        if taken is None:
+        update = _stepped(state, windows, rig, handle, most.steps, work)
+        if update is None:
             return None
         # greys are those of other windows
-        state = taken.after._replace(greys=None)
+        state = update.after._replace(greys=None)
     windows = _moving_windows(images, state, max_slant_deg, rig, handle, last)
-    taken = _fitted(state, windows, rig, handle, last.steps, work)
-    if taken is None:
+    update = _fitted(state, windows, rig, handle, last.steps, work)
+    if update is None:
         return None
-    return _fit_of(_concluded(taken, windows, rig), taken.after, rig, handle)
+    return _fit_of(_concluded(update, windows, rig), update.after, rig, handle)
 
 
 def _moving_windows(
@@ -264,21 +264,22 @@ def _moving_windows(
 
 def _fitted(
     state: State, windows: Patches, rig: Rig, handle: Handle, most_steps: int, work: Work
-) -> _Taken | None:
+) -> _Update | None:
     """As `_stepped`, once more with gloss where the windows show it and the work is left."""
-    taken = _stepped(state, windows, rig, handle, most_steps, work)
-    if taken is None:
+    update = _stepped(state, windows, rig, handle, most_steps, work)
+    if update is None:
         return None
     least_gain = LEAST_GAIN
     if state.motion_blur is not None:
         smear_px = _longest_way_px(windows, state.motion_blur.motion)
         # what is left of a long step or a long smear looks like gloss
-        if not taken.settled or smear_px > SMEARED_PX:
-            return taken
+        if not update.converged or smear_px > SMEARED_PX:
+            return update
         least_gain = LEAST_GAIN_MOVING
-    if work.left < 2 * _units(state, windows) or not shows_gloss(taken.model, handle, least_gain):
-        return taken
-    return _stepped(with_gloss(taken.after), windows, rig, handle, most_steps, work)
+    has_work = work.remaining >= 2 * _units(state, windows)
+    if not has_work or not shows_gloss(update.model, handle, least_gain):
+        return update
+    return _stepped(with_gloss(update.after), windows, rig, handle, most_steps, work)
 
 
 def _units(state: State, windows: Patches) -> float:
@@ -288,37 +289,35 @@ def _units(state: State, windows: Patches) -> float:
 
 def _stepped(
     state: State, windows: Patches, rig: Rig, handle: Handle, most_steps: int, work: Work
-) -> _Taken | None:
+) -> _Update | None:
     """The last of so many steps, or of as many as are worth it and the work is left for; None if
     that is none, too little is in view, or the steps lead away.
     """
     if len(np.unique(windows.views.marker)) < 3:
         return None
-    taken = None
-    settled = False
+    update = None
+    converged = False
     for _ in range(most_steps):
-        if settled or not work.takes(_units(state, windows)):
+        if converged or not work.takes(_units(state, windows)):
             break
-        before = taken
-        taken = _improved(state if before is None else before.after, windows, rig, handle)
-        if _leads_away(taken):
+        before = update
+        update = _updated(state if before is None else before.after, windows, rig, handle)
+        # a step that is too long, or not a number, leads away
+        if not np.abs(update.step[:6] / LARGEST_STEP).max() < 1:
             return None
-        settled = before is not None and _has_settled(taken, before, windows, handle)
-    return taken and taken._replace(settled=settled)
+        converged = before is not None and _has_converged(update, before, windows, handle)
+    return update and update._replace(converged=converged)
 
 
-def _leads_away(taken: _Taken) -> bool:
-    """Whether a step is too long, or not a number."""
-    return not np.abs(taken.step[:6] / LARGEST_STEP).max() < 1
-
-
-def _has_settled(taken: _Taken, last: _Taken, about_markers: Patches, handle: Handle) -> bool:
+def _has_converged(update: _Update, last: _Update, about_markers: Patches, handle: Handle) -> bool:
     """Whether the step after this one, which followed the `last`, would hardly move the pose."""
-    moved_px = _moved_px(taken.step, about_markers, handle)
-    if taken.before.motion_blur is None:
-        return moved_px < SETTLED_PX
-    is_short = taken.sigmas < SETTLED_SIGMAS or taken.sigmas**2 < NEXT_SIGMAS * last.sigmas
-    return moved_px < SETTLED_MOVING_PX and is_short
+    arms = handle.marker_centres[about_markers.views.marker]
+    ways_mm = np.linalg.norm(update.step[:3] + np.cross(update.step[3:6], arms), axis=1)
+    moved_px = float((ways_mm * about_markers.px_per_mm).max())
+    if update.before.motion_blur is None:
+        return moved_px < CONVERGED_PX
+    is_short = update.sigmas < CONVERGED_SIGMAS or update.sigmas**2 < NEXT_SIGMAS * last.sigmas
+    return moved_px < CONVERGED_MOVING_PX and is_short
 
 
 def _fit_of(
@@ -339,24 +338,24 @@ def _fit_of(
         return None
     spread = float(np.median(misfit(last.model)[visible]))
     # where the steps ran out, the pose is still off by as many sigmas as the last one was long
-    still_off = 0.0 if last.settled else last.sigmas
-    covariance = in_world((1 + still_off**2) * spread * inverse(last.information)[:6, :6], T)
+    truncation = 0.0 if last.converged else last.sigmas
+    covariance = in_world((1 + truncation**2) * spread * inverse(last.information)[:6, :6], T)
     motions = _motions(windows, rig, T)
     information = _information_px(last.normal, motions)
-    answers = _response(last, motions, rig, T)
+    sensitivity = _response(last, motions, rig, T)
     pulls = _pulls(last, information, rig, handle, T)
-    covariance = covariance + answers.covariance_by(pulls)
+    covariance = covariance + sensitivity.covariance_by(pulls)
     rows = used.repeat(2)
     explained = _explained(last, motions, information, rig)
     linear = LinearFit(
         T,
         covariance,
-        answers.part(used),
+        sensitivity.part(used),
         _shifts(last, motions, information, rig)[used],
         _noise(last, information, spread, pulls)[np.ix_(rows, rows)],
         explained[used].reshape(int(rows.sum()), explained.shape[2]),
     )
-    residuals_px = _still_asked_mm(last, rig) * windows.px_per_mm
+    residuals_px = _remaining_shift_mm(last, rig) * windows.px_per_mm
     fit = judged_fit(linear, windows.views, last.model, visible, residuals_px)
     if motion is not None:
         fit = fit._replace(smear_px=_longest_way_px(windows, motion))
@@ -377,13 +376,12 @@ def _pulls(
 
 
 def _longest_way_px(windows: Patches, motion: Array) -> float:
-    """How far a motion (6,) moves the windows at most while the shutter is open, px."""
+    """The longest distance that a motion (6,) moves a window while the shutter is open, px."""
     return float(np.linalg.norm(windows.ways_px(motion), axis=1).max())
 
 
 def _smear_px(last: _Step, rig: Rig) -> float:
-    """How long the markers are smeared in the camera where that is most, px, whatever motion does
-    it.
+    """Length of the motion blur in the camera where it is longest, px, whatever motion causes it.
 
     To second order a smear of length w along a direction adds w^2/12 to the blur's variance there:
     a round blur of w^2/24, and w^2/24 by which it is longer than wide. The latter, upright and along
@@ -407,16 +405,16 @@ def _smear_px(last: _Step, rig: Rig) -> float:
 
 
 def _response(last: _Step, motions: Array, rig: Rig, T: RigidTransform) -> Response:
-    """How the pose answers to shifts of its windows: to each as to the motion of the handle that
-    shifts it alike, see `_motions`.
+    """Derivative of the pose by shifts of its windows: a shift is the motion of the handle that
+    moves the window alike, see `_motions`.
     """
     windows = last.patches
     spread = inverse(last.information)[:6]
-    asked = last.weight[:, None, None] * (last.normal.information[:, :, :3] @ motions)
-    by_common = spread[:, : asked.shape[1] - 1]
+    by_motion = last.weight[:, None, None] * (last.normal.information[:, :, :3] @ motions)
+    by_common = spread[:, : by_motion.shape[1] - 1]
     by_blur = spread[:, -len(rig.cameras) :][:, windows.views.camera]
-    gain = np.einsum("am,kmd->akd", by_common, asked[:, :-1])
-    gain = gain + by_blur[..., None] * asked[:, -1]
+    gain = np.einsum("am,kmd->akd", by_common, by_motion[:, :-1])
+    gain = gain + by_blur[..., None] * by_motion[:, -1]
     return Response(
         np.einsum("ab,bkd->akd", both_in_world(T), gain),
         windows.views.camera,
@@ -426,10 +424,10 @@ def _response(last: _Step, motions: Array, rig: Rig, T: RigidTransform) -> Respo
 
 
 def _shifts(last: _Step, motions: Array, information: Array, rig: Rig) -> Array:
-    """The shifts that windows still ask for after the last step, (k, 2), px."""
+    """Shifts of the windows that their remaining gradients imply after the last step, (k, 2), px."""
     own = _own(last.step, last.patches.views.camera, rig)
-    asked = motions.mT @ _asked(last.normal, own)[..., None]
-    return np.asarray(np.linalg.solve(information, asked)[..., 0])
+    gradient = motions.mT @ _remaining_gradient(last.normal, own)[..., None]
+    return np.asarray(np.linalg.solve(information, gradient)[..., 0])
 
 
 def _noise(last: _Step, information: Array, spread: float, pulls: Array) -> Array:
@@ -451,9 +449,9 @@ def _explained(last: _Step, motions: Array, information: Array, rig: Rig) -> Arr
     A window knows more than its shift: its answer is that of its own least squares.
     """
     camera = last.patches.views.camera
-    answers = np.linalg.solve(information, motions.mT @ last.normal.information[:, :3])
+    sensitivity = np.linalg.solve(information, motions.mT @ last.normal.information[:, :3])
     mine = (camera[:, None] == np.arange(len(rig.cameras)))[:, None]
-    return np.concatenate([answers[:, :, :-1], answers[:, :, -1:] * mine], axis=2)
+    return np.concatenate([sensitivity[:, :, :-1], sensitivity[:, :, -1:] * mine], axis=2)
 
 
 def _information_px(normal: Reduced, motions: Array) -> Array:
@@ -469,7 +467,7 @@ def _motions(windows: Patches, rig: Rig, T: RigidTransform) -> Array:
     return np.linalg.pinv(by_points @ T.as_matrix()[:3, :3])
 
 
-def _improved(state: State, windows: Patches, rig: Rig, handle: Handle) -> _Taken:
+def _updated(state: State, windows: Patches, rig: Rig, handle: Handle) -> _Update:
     """One step of pose, blurs, noise and greys."""
     T = state.T_world_handle
     model_of = linearise if state.motion_blur is None else linearise_moving
@@ -491,24 +489,24 @@ def _improved(state: State, windows: Patches, rig: Rig, handle: Handle) -> _Take
     noise = noise_of(model, windows.at.pixels, contrast)
     blur = limited(state.blur_px2, step[-len(rig.cameras) :])
     after = State(T, model.greys, blur, noise, motion_blur)
-    return _Taken(step, sigmas, state, after, model, normal, contrast)
+    return _Update(step, sigmas, state, after, model, normal, contrast)
 
 
-def _concluded(taken: _Taken, windows: Patches, rig: Rig) -> _Step:
+def _concluded(update: _Update, windows: Patches, rig: Rig) -> _Step:
     """The last step with what it says of the pose: its windows are weighed again, since misfits may
     be gone.
     """
-    weight = _weights(windows, taken.model, taken.normal, taken.before) * taken.contrast
-    information, _ = _normal_equations(taken.normal, weight, windows, taken.before, rig)
+    weight = _weights(windows, update.model, update.normal, update.before) * update.contrast
+    information, _ = _normal_equations(update.normal, weight, windows, update.before, rig)
     return _Step(
-        taken.step,
+        update.step,
         information,
         windows,
-        taken.model,
-        taken.normal,
+        update.model,
+        update.normal,
         weight,
-        taken.sigmas,
-        taken.settled,
+        update.sigmas,
+        update.converged,
     )
 
 
@@ -570,26 +568,20 @@ def _own(step: Array, camera: np.ndarray, rig: Rig) -> Array:
     return np.column_stack([np.broadcast_to(common, (len(camera), len(common))), blurs[camera]])
 
 
-def _moved_px(step: Array, here: Patches, handle: Handle) -> float:
-    """How far a step moves the markers at most, in any direction, px."""
-    arms = handle.marker_centres[here.views.marker]
-    return float(
-        (np.linalg.norm(step[:3] + np.cross(step[3:6], arms), axis=1) * here.px_per_mm).max()
-    )
-
-
-def _asked(normal: Reduced, step: Array) -> Array:
-    """What each window alone still asks for after a step (k, m) of its unknowns: its gradient by
-    position, shape (k, 3).
+def _remaining_gradient(normal: Reduced, step: Array) -> Array:
+    """Gradient by position that each window has left after a step (k, m) of its unknowns, shape (k,
+    3).
     """
     return normal.gradient[:, :3] - (normal.information[:, :3] @ step[..., None])[..., 0]
 
 
-def _still_asked_mm(last: _Step, rig: Rig) -> Array:
-    """How far each marker's window alone would still move the handle after the last step, (k,)."""
+def _remaining_shift_mm(last: _Step, rig: Rig) -> Array:
+    """Distance by which each marker's window alone would still move the handle after the last step,
+    (k,).
+    """
     along = np.linalg.pinv(last.normal.information[:, :3, :3], rcond=1e-2, hermitian=True)
-    asked = _asked(last.normal, _own(last.step, last.patches.views.camera, rig))
-    return np.asarray(np.linalg.norm((along @ asked[..., None])[..., 0], axis=1))
+    gradient = _remaining_gradient(last.normal, _own(last.step, last.patches.views.camera, rig))
+    return np.asarray(np.linalg.norm((along @ gradient[..., None])[..., 0], axis=1))
 
 
 def _assembled(normal: Reduced, trust: Array, camera: np.ndarray, rig: Rig) -> tuple[Array, Array]:

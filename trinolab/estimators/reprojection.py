@@ -31,7 +31,7 @@ from .pixels import (
     moved,
 )
 
-SETTLED_PX = 0.05  # a shift after which the next one is a fifth of it
+CONVERGED_PX = 0.05  # a shift after which the next one is a fifth of it
 # A last step that is longer leads away: of 2,160 fits on the broken bench two had 32 and 43, and were 9 deg
 # off; all others had 3.2 at most.
 MOST_SIGMAS = 10.0
@@ -73,12 +73,14 @@ def fit_centroids(
             return None
         before = state.T_world_handle
         state = state._replace(T_world_handle=T)
-        if k + 1 >= least and registered.usual_shift_px < SETTLED_PX:
+        if k + 1 >= least and registered.usual_shift_px < CONVERGED_PX:
             break
     step = motion_between(T, before)
     if step @ np.linalg.solve(covariance, step) > 6 * MOST_SIGMAS**2:
         return None
-    answers = response_of_pixels(registered.uv, spread_px, rig, handle, windows.views, T, shading)
+    pose_response = response_of_pixels(
+        registered.uv, spread_px, rig, handle, windows.views, T, shading
+    )
     pulls = pulled_alike(*windows.views, registered.more_px2, T, rig, handle)
     predicted, by_motion = predict_centroids(rig, handle, T, windows.views, shading)
     residual = registered.uv - predicted
@@ -89,8 +91,8 @@ def fit_centroids(
     rows = used.repeat(2)
     linear = LinearFit(
         T,
-        covariance + answers.covariance_by(pulls),
-        answers.part(used),
+        covariance + pose_response.covariance_by(pulls),
+        pose_response.part(used),
         residual[used],
         block_diag(*spread_px[used]) + pulls[np.ix_(rows, rows)],
         by_motion[used].reshape(-1, 6),
@@ -170,7 +172,7 @@ def response_of_pixels(
     shading: Array | None = None,
     huber: float = 3.0,
 ) -> Response:
-    """How the pose of `fit_pixels` answers to the centroids; parameters as there."""
+    """The derivative of the pose of `fit_pixels` by the centroids; parameters as there."""
     predicted, J = predict_centroids(rig, handle, T, views, shading)
     _, gain, _ = _normal(uv, inverse(covariance), predicted, J, huber)
     gain = np.einsum("ab,bkd->akd", both_in_world(T), gain)

@@ -31,7 +31,7 @@ class RealFile(NamedTuple):
 
 @dataclass(frozen=True)
 class RealSet:
-    """What is known about a set; the fields are explained at the top of ``data/real.toml``.
+    """An entry of ``data/real.toml``, which explains the fields at its top.
 
     Attributes
     ----------
@@ -96,14 +96,14 @@ def find(real: RealSet, fetch: bool = False) -> Path | None:
 
 
 def why_not(real: RealSet | None = None) -> str:
-    """Why a set is not here, for a chapter, a test or the scoreboard to say."""
+    """The reason why a set is not here, for a chapter, a test or the scoreboard."""
     named = os.environ.get(VARIABLE, "")
     what = real.name if real else "such set"
     return f"{VARIABLE} has no {what}" if named else f"{VARIABLE} is not set"
 
 
 def cache_folder() -> Path:
-    """Where fetched sets are kept: the user's cache folder."""
+    """The user's cache folder, which holds fetched sets."""
     import pooch
 
     return Path(pooch.os_cache("trinolab"))

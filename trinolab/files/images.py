@@ -83,10 +83,10 @@ def read_greys(
         Names the file: unreadable, no image of 8 or 16 bit, another size, or more pixels than
         `limits.PIXELS`; the last before it is decoded.
     """
-    return said_once(((path, _read(path, size)) for path in paths), said)
+    return logged_once(((path, _read(path, size)) for path in paths), said)
 
 
-def said_once(
+def logged_once(
     images: Iterable[tuple[Path, Grey]], said: set[str] | None = None
 ) -> Iterator[np.ndarray]:
     """The images; the log has each remark once, with the file of the first image that it is true

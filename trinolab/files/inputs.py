@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class _TooManyError(ValueError):
-    """Says how many words a table may have."""
+    """A table with more words than allowed."""
 
 
 def read_csv(path: str | Path, **options: Any) -> pd.DataFrame:
@@ -69,7 +69,7 @@ def _read(path: str | Path, text: IO[str], content: bytes, options: dict[str, An
 
 
 def _reason(error: Exception) -> str:
-    """What pandas says of a CSV file, in words that need no knowledge of it."""
+    """The reason why pandas refuses a CSV file, in words that need no knowledge of it."""
     import pandas as pd
 
     if isinstance(error, pd.errors.EmptyDataError):

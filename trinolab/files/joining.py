@@ -104,7 +104,7 @@ def best_offset(found: pd.DataFrame, true: pd.DataFrame) -> Offset | None:
 
 
 def _distances(held: pd.DataFrame, true: pd.DataFrame, offset: int) -> np.ndarray:
-    """How far poses are from the truth so many frames later, mm; of those that have one."""
+    """Distances of poses from the truth a number of frames later, mm; of those that have one."""
     frames = true["frame"].to_numpy()
     wanted = held["frame"].to_numpy() + offset
     place = np.minimum(np.searchsorted(frames, wanted), len(frames) - 1)

@@ -1,4 +1,4 @@
-"""How much of a file is taken: one budget for all readers.
+"""Limits of the files that are read: one budget for all readers.
 
 Files come from others, and a short one may ask for any amount of memory or time: by a header that
 states a huge image, by names within names, by what it is compressed to. Each reader asks here before it
@@ -27,7 +27,7 @@ COVARIANCE_BYTES = 2 * MIB  # of 16 cameras it has 1.8
 ENTRIES = 100_000  # commas, and lines, of a TOML file; the covariance of 16 cameras has 57,600
 DOTS = 32  # of a name in a TOML file
 BRACKETS = 20_000  # of a TOML file: tables and lists; the covariance of 16 cameras has 242
-ALL_DOTS = 10_000  # of its names: what is shipped has none, a rig with metadata one a camera
+ALL_DOTS = 10_000  # of its names: what is shipped has none, a rig with metadata one per camera
 TREE_BYTES = 16 * MIB  # JSON, notebooks, and the description of a bag or a robot
 TABLE_BYTES = 128 * MIB  # CSV, and rows that are kept
 LINES = 1_000_000  # of a CSV file

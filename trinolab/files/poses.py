@@ -1,4 +1,4 @@
-"""Tables of poses, and their files: CSV, one row an instant (columns: `POSE_COLUMNS`); the pose is
+"""Tables of poses, and their files: CSV, one row per instant (columns: `POSE_COLUMNS`); the pose is
 T_world_handle.
 
 Of the whole uncertainty `sigma_mm`, `sigma_deg` the columns `systematic_mm`, `systematic_deg` are
@@ -113,7 +113,7 @@ def write_poses(table: pd.DataFrame, path: str | Path) -> None:
 
 
 def poses_text(table: pd.DataFrame) -> str:
-    """What the CSV file of a pose table says."""
+    """The text of a pose table's CSV file."""
     return table.to_csv(index=False, float_format="%.9g")
 
 
@@ -140,7 +140,7 @@ def write_tum(table: pd.DataFrame, path: str | Path) -> None:
 
 
 def tum_text(table: pd.DataFrame) -> str:
-    """What the TUM file of a pose table says; ValueError if a measured row has no time."""
+    """The text of a pose table's TUM file; ValueError if a measured row has no time."""
     measured = table[table["status"] == "measured"]
     times = (
         measured["t_s"].to_numpy(dtype=float)

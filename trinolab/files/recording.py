@@ -24,9 +24,9 @@ from ..checks import Array, as_number
 from ..datasets import handle_of, rig_of
 from ..handle import Handle
 from . import limits
-from .images import IMAGE_SUFFIXES, Grey, as_grey, check_size, is_image, read_greys, said_once
+from .images import IMAGE_SUFFIXES, Grey, as_grey, check_size, is_image, logged_once, read_greys
 from .inputs import read_csv
-from .recorder import PARTIAL, check_cameras
+from .recording_writer import PARTIAL, check_cameras
 
 LAST_FRAME = 2**53  # a pose file may have; a time in nanoseconds is no frame
 VIDEO_SUFFIXES = (".mkv", ".mp4", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg")
@@ -108,7 +108,7 @@ def frames_of(
         names = footage.names[first:] if wanted is None else [footage.names[k] for k in wanted]
         return read_greys([footage.path / name for name in names], size, said)
     frames = _video_frames(footage.path, size, first, wanted)
-    return said_once(((footage.path, frame) for frame in frames), said)
+    return logged_once(((footage.path, frame) for frame in frames), said)
 
 
 def _video_frames(
@@ -162,13 +162,13 @@ class Instant(NamedTuple):
 
 
 class Recording(NamedTuple):
-    """What the cameras of a rig took together.
+    """A recording of all cameras of a rig.
 
     Attributes
     ----------
     rig : Rig
     footage : tuple of Footage
-        One a camera, in the rig's order.
+        One per camera, in the rig's order.
     length : int
         Instants; where all cameras are videos, as their headers say.
     times_s : ndarray or None
@@ -205,7 +205,7 @@ class Recording(NamedTuple):
 
 
 class Frames(NamedTuple):
-    """One instant: its number from 0, its time (s), and a grey image a camera, in the rig's
+    """One instant: its number from 0, its time (s), and a grey image per camera, in the rig's
     order.
     """
 
@@ -454,7 +454,7 @@ def frames_named(names: Sequence[str]) -> list[int]:
 
 
 def read_instants(listed: Sequence[Instant], rig: Rig) -> Iterator[list[np.ndarray]]:
-    """Read the images of instants one after the other, a grey image a camera; see
+    """Read the images of instants one after the other, a grey image per camera; see
     `images.read_greys`.
 
     Raises

@@ -1,5 +1,5 @@
 """Rig and handle files (TOML). Rigs have the layout that Anipose, FreeMoCap and Pose2Sim read, a
-table a camera.
+table per camera.
 
 How well the cameras are known stands in a file of its own beside the rig, so that others' readers
 still read that: ``rig.covariance.toml`` beside ``rig.toml``. Cameras that are known exactly, as
@@ -101,13 +101,13 @@ def read_covariance(path: str | Path, rig: Rig) -> RigCovariance:
         }
         for key, value in expected.items():
             if (value_in_file := get(table, key, str(path))) != value:
-                raise ValueError(f"{key}: expected {_said(value)}, got {_said(value_in_file)}")
+                raise ValueError(f"{key}: expected {_text(value)}, got {_text(value_in_file)}")
         matrix = get(table, "matrix", str(path))
         freedom = as_number(table["freedom"], "freedom") if "freedom" in table else np.inf
         return RigCovariance(rig.names, matrix, freedom)
 
 
-def _said(value: Any) -> str:
+def _text(value: Any) -> str:
     return ", ".join(map(str, value)) if isinstance(value, list) else repr(value)
 
 
@@ -170,7 +170,7 @@ def write_rig(rig: Rig, path: str | Path) -> None:
 
 
 def rig_text(rig: Rig) -> str:
-    """What a rig file says."""
+    """The text of a rig file."""
     tables: dict[str, Any] = {camera.name: _table_of(camera) for camera in rig.cameras}
     metadata: dict[str, Any] = {}
     if rig.covariance is not None and rig.covariance.is_exact:
@@ -183,7 +183,7 @@ def rig_text(rig: Rig) -> str:
 
 
 def covariance_text(covariance: RigCovariance) -> str:
-    """What the covariance file of a rig says."""
+    """The text of a rig's covariance file."""
     names, units = (list(part) for part in zip(*CAMERA_PARAMETERS, strict=True))
     table: dict[str, Any] = {
         "format": COVARIANCE_FORMAT,
@@ -272,7 +272,9 @@ def read_handle(path: str | Path) -> Handle:
 
 
 def _places_in(columns: Any, rows: Any) -> int:
-    """How many columns, or markers in their rows, a handle file lists; what is no list has none."""
+    """The number of columns, or of markers in their rows, that a handle file lists; 0 if it has no
+    lists.
+    """
     lists = [row for row in rows if isinstance(row, list)] if isinstance(rows, list) else []
     return max(len(columns) if isinstance(columns, list) else 0, sum(map(len, lists)))
 
@@ -285,7 +287,7 @@ def write_handle(handle: Handle, path: str | Path) -> None:
 
 
 def handle_text(handle: Handle) -> str:
-    """What a handle file says."""
+    """The text of a handle file."""
     table: dict[str, Any] = {name: getattr(handle, name) for name in Handle.__dataclass_fields__}
     if not handle.offsets_mm:
         del table["offsets_mm"]

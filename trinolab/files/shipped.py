@@ -1,4 +1,4 @@
-"""Where the files that are shipped with the package lie. Nothing is loaded to say so."""
+"""Paths of the files that are shipped with the package. Nothing is loaded for them."""
 
 from __future__ import annotations
 

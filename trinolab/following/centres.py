@@ -22,7 +22,7 @@ from ..camera import Rig
 from ..checks import Array
 from ..estimators.centroids import centre_pixels
 from ..estimators.pixels import FLOOR_PX
-from ..files.kept import KeptLines
+from ..files.journal import Journal
 from ..files.recording import Recording, some_instants
 from ..handle import Handle
 
@@ -34,7 +34,7 @@ SPREAD_MM, SPREAD_RAD = 50.0, 0.5  # distances that count alike in the choice of
 
 
 class Motion(NamedTuple):
-    """How the handle moves at some instants, by the poses before and after.
+    """The handle's motion at some instants, by the poses before and after.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Motion(NamedTuple):
 
 
 def motion(shown: pd.DataFrame, rig: Rig, exposure_s: float) -> Motion:
-    """How the handle moves at the rows of a table of poses; of a single one nothing is known, and it
+    """The handle's motion at the rows of a table of poses; of a single one nothing is known, and it
     counts as still.
     """
     if len(shown) < 2:
@@ -127,7 +127,7 @@ def measured_centres(
     Centres
         `Centres.instant` counts along `frames`.
     """
-    with KeptLines(
+    with Journal(
         kept_in, f"{made_from}\n", lambda number, line: _is_row(frames, number, line)
     ) as lines:
         done = len(lines.lines())

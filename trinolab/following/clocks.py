@@ -1,4 +1,4 @@
-"""What cameras whose clocks lie apart do to the poses of a track, and what is said of it.
+"""The effect of unsynchronised clocks on the poses of a track, and the lines about it.
 
 A camera that is late by tau shows the handle where it has moved on by v tau. Its image is shifted by
 the derivative of its pixels by the place, times v tau, and the place that suits all images best
@@ -71,8 +71,8 @@ def widened(table: pd.DataFrame, offsets: Offsets, rig: Rig) -> pd.DataFrame:
 
 
 def shifts_mm(places: Array, velocities: Array, late_s: Array, rig: Rig) -> Array:
-    """By how much handles at places (n, 3), mm, that move at velocities (n, 3), mm/s, are measured
-    beside them, if the cameras are late by (C,), s; world frame, (n, 3).
+    """Errors of measured positions (n, 3), mm, of handles at places (n, 3), mm, that move at
+    velocities (n, 3), mm/s, if the cameras are late by (C,), s; world frame.
     """
     slopes = np.stack([pixel_slopes(camera, places)[1] for camera in rig.cameras], axis=1)
     # (n, C, 2)

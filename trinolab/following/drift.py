@@ -168,8 +168,8 @@ def _blocks(series: Series) -> Series:
 
 
 def _changes(blocks: Series, camera: int, moments: np.ndarray) -> tuple[Array, Array]:
-    """By how much the sum of squares falls if a camera's image has shifted at each of the moments,
-    and the shifts (moments, 2), px.
+    """Decrease of the sum of squares if a camera's image has shifted at each of the moments, and
+    the shifts (moments, 2), px.
     """
     mine = slice(2 * camera, 2 * camera + 2)
     later_A = np.cumsum(blocks.shows[::-1], axis=0)[::-1][moments]

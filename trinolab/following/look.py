@@ -48,8 +48,16 @@ GUESS_UNITS = 25.0
 AGREED_COVARIANCE = np.diag(np.repeat([0.5, 0.1], 3) ** 2)
 
 
+class Setup(NamedTuple):
+    """The constants of a track: rig, handle and parameters."""
+
+    rig: Rig
+    handle: Handle
+    parameters: FollowParameters
+
+
 class Expected(NamedTuple):
-    """Where a motion predicts the markers in a camera.
+    """The markers in a camera as a motion predicts them.
 
     Attributes
     ----------
@@ -67,13 +75,13 @@ class Expected(NamedTuple):
 
 
 class Guess(NamedTuple):
-    """Where the handle may be, and how it is looked for there.
+    """A motion of the handle that is tried, and how it is looked for there.
 
     Attributes
     ----------
     motion : Motion
     expected : list of Expected
-        Where that has the markers, one a camera.
+        Where that has the markers, one per camera.
     blurred : bool
         Whether the handle is fitted as one that moves while the shutter is open.
     """
@@ -83,19 +91,19 @@ class Guess(NamedTuple):
     blurred: bool = False
 
 
-class Sight(NamedTuple):
-    """What one camera shows where the handle is expected.
+class Observation(NamedTuple):
+    """The markers that one camera shows where they are expected.
 
     Attributes
     ----------
     window : Window or None
         In which the markers lie; None if the handle is expected outside the image.
-    found : ndarray, shape (markers, 6)
+    markers : ndarray, shape (markers, 6)
         As `markers.markers_at` gives it, in pixels of the whole image.
     """
 
     window: Window | None
-    found: Array
+    markers: Array
 
 
 class RigState(NamedTuple):
@@ -114,27 +122,27 @@ class RigState(NamedTuple):
 
 
 class Followed(NamedTuple):
-    """What was measured where a guess has the handle.
+    """The measurement where a guess has the handle.
 
     Attributes
     ----------
     guess : Guess
     pose : Pose
         ``measured``; `LOST` if too little fits.
-    labels : tuple of ndarray of int, one a camera, shape (markers,)
+    labels : tuple of ndarray of int, one per camera, shape (markers,)
         The marker's index where it was found and agrees, else -1.
-    sights : tuple of Sight
+    observations : tuple of Observation
         What the cameras show there.
     rig : RigState
         As this instant leaves it.
     smear_px : float
-        How long the markers are smeared by the handle's motion; NaN where it was not asked.
+        How long the markers are smeared by the handle's motion; NaN where it was not estimated.
     """
 
     guess: Guess
     pose: Pose
     labels: tuple[np.ndarray, ...]
-    sights: tuple[Sight, ...]
+    observations: tuple[Observation, ...]
     rig: RigState
     smear_px: float
 
@@ -144,20 +152,21 @@ def prepare() -> None:
     """Load the compiled loops, or compile them where that was never done: by looking for the handle
     of a shipped rig in dark images, once in a process.
     """
-    p = FollowParameters()
-    rig, handle = load_rig("paper_pair"), load_handle("coded")
-    dark = [np.zeros(camera.size[::-1], np.uint8) for camera in rig.cameras]
-    motion = begin(0.0, load_table1().set_poses[0], np.eye(6), p.motion)
-    follow(dark, Guess(motion, expect(rig, handle, motion, p)), rig, handle, p)
+    setup = Setup(load_rig("paper_pair"), load_handle("coded"), FollowParameters())
+    dark = [np.zeros(camera.size[::-1], np.uint8) for camera in setup.rig.cameras]
+    motion = begin(0.0, load_table1().set_poses[0], np.eye(6), setup.parameters.motion)
+    follow(dark, Guess(motion, expect(setup, motion)), setup)
     prepare_fit()
 
 
-def expect(rig: Rig, handle: Handle, motion: Motion, p: FollowParameters) -> list[Expected]:
-    """Where a motion predicts the markers, one a camera."""
+def expect(setup: Setup, motion: Motion) -> list[Expected]:
+    """Predicted markers of a motion, one `Expected` per camera."""
+    rig, handle, p = setup
     views = views_of(rig)
     layout = layout_of(handle, p.identity)
     ahead = shifted(motion.pose, p.exposure_s * motion.rates[:6])
-    predicted = predict(_batch(motion.pose, ahead), views, layout)
+    both = np.stack([motion.pose.as_matrix(), ahead.as_matrix()])
+    predicted = predict(Poses(both[:, :3, :3], both[:, :3, 3]), views, layout)
     blur = np.linalg.norm(predicted.uv[1] - predicted.uv[0], axis=1).max(axis=1)
     facing = predicted.facing[0] > np.cos(np.deg2rad(p.expected_slant_deg))
     uv = np.where(facing[..., None], views.as_taken(predicted.uv[:1])[0].transpose(0, 2, 1), np.nan)
@@ -172,50 +181,35 @@ def may_be_blurred(expected: Sequence[Expected], p: FollowParameters) -> bool:
 
 
 def look(
-    images: Sequence[np.ndarray],
-    expected: Sequence[Expected],
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
-) -> tuple[Sight, ...]:
+    images: Sequence[np.ndarray], expected: Sequence[Expected], setup: Setup
+) -> tuple[Observation, ...]:
     """Measure the markers where they are expected; half a marker's diameter off is near enough.
 
     A marker reaches further where it moves: by half of its way in the exposure.
     """
     return tuple(
-        _look(image, camera, handle, one.uv, 0.75 * one.size_px + RING_PX + one.blur_px / 2, p)
-        for image, camera, one in zip(images, rig.cameras, expected, strict=True)
+        _look(image, camera, setup, one.uv, 0.75 * one.size_px + RING_PX + one.blur_px / 2)
+        for image, camera, one in zip(images, setup.rig.cameras, expected, strict=True)
     )
 
 
 def _look(
-    image: np.ndarray,
-    camera: Camera,
-    handle: Handle,
-    uv: Array,
-    reach_px: float,
-    p: FollowParameters,
-) -> Sight:
+    image: np.ndarray, camera: Camera, setup: Setup, uv: Array, reach_px: float
+) -> Observation:
     around = Window.around(np.clip(uv, -1e6, 1e6))
     window = around and around.grown(2 * reach_px).clipped(camera.size)
     if window is None:
-        return Sight(None, np.full((len(uv), 6), np.nan))
+        return Observation(None, np.full((len(uv), 6), np.nan))
     corner = np.array([window.u, window.v, 0, 0, 0, 0])
+    _, handle, p = setup
     markers = markers_at(window.crop(image), uv - corner[:2], reach_px, handle.markers, p.markers)
-    return Sight(window, markers + corner)
-
-
-def _batch(*poses: RigidTransform) -> Poses:
-    matrices = np.stack([pose.as_matrix() for pose in poses])
-    return Poses(matrices[:, :3, :3], matrices[:, :3, 3])
+    return Observation(window, markers + corner)
 
 
 def follow(
     images: Sequence[np.ndarray],
     guess: Guess,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
+    setup: Setup,
     before: RigState | None = None,
     work: Work | None = None,
 ) -> Followed:
@@ -229,16 +223,19 @@ def follow(
     `before` is the rig as the instants before have it. Of `work` fits take no more than is left.
     """
     work = work or Work()
-    work.left -= GUESS_UNITS
+    work.remaining -= GUESS_UNITS
+    rig, handle, p = setup
     state = before or RigState(rig)
-    sights = look(images, guess.expected, state.near, handle, p)
-    pixels = tuple(sight.found[:, :2] for sight in sights)
-    T, labels = _agreed(pixels, state.near, handle, guess.motion.pose, p)
-    followed = Followed(guess, LOST, labels, sights, state, np.nan)
-    if T is None and not _enough_markers(sights, p):
+    near_setup = setup._replace(rig=state.near)
+    observations = look(images, guess.expected, near_setup)
+    pixels = tuple(one.markers[:, :2] for one in observations)
+    T, labels = _agreed(pixels, near_setup, guess.motion.pose)
+    followed = Followed(guess, LOST, labels, observations, state, np.nan)
+    markers_found = sum(np.isfinite(one.markers[:, 0]).sum() for one in observations)
+    if T is None and markers_found < p.min_found:
         return followed  # it is elsewhere
     instant = None
-    moves = guess.blurred or (_may_move(guess, p) and _stretched(guess.expected, sights, p))
+    moves = guess.blurred or (_may_move(guess, p) and _stretched(guess.expected, observations, p))
     if T is not None:
         uv = labelled_pixels(labels, pixels, len(handle.marker_centres))
         # smeared centroids say nothing of the rig, and later instants know more of it than one
@@ -248,9 +245,9 @@ def follow(
             followed = followed._replace(rig=RigState(near))
         instant = Identified(images, uv, T, followed.rig.near, _expected_blur(guess.motion, p))
     if not moves:
-        followed = _fitted_still(followed, images, instant, rig, handle, p, work)
+        followed = _fitted_still(followed, images, instant, setup, work)
         moves = followed.smear_px > p.blurred_px
-    return _fitted_moving(followed, images, instant, rig, handle, p, work) if moves else followed
+    return _fitted_moving(followed, images, instant, setup, work) if moves else followed
 
 
 def _may_move(guess: Guess, p: FollowParameters) -> bool:
@@ -262,17 +259,16 @@ def _fitted_still(
     followed: Followed,
     images: Sequence[np.ndarray],
     instant: Identified | None,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
+    setup: Setup,
     work: Work,
 ) -> Followed:
-    """What was followed with the pose of a handle that is still, if it is; `instant` is what the
-    markers agree on.
+    """The measurement with the pose of a handle that is still, if it is; `instant` has the pose
+    that the markers agree on.
     """
-    pose = LOST if instant is None else _agreeing_pose(instant, rig, handle, p)
+    pose = LOST if instant is None else _agreeing_pose(instant, setup)
     if pose is not LOST:
         return followed._replace(pose=pose)
+    _, handle, p = setup
     guess = followed.guess
     may_move = _may_move(guess, p)
     smear_above = p.still_misfit if may_move else np.inf
@@ -288,32 +284,31 @@ def _fitted_still(
         # where hardly a marker fits its smear is not known, and may be long
         smear_px = np.inf if fit is None or fit.shown.sum() < 4 else fit.smear_px
         return followed._replace(smear_px=smear_px)
-    return _assessed(followed, fit, fit_at, rig, handle, p)
+    return _assessed(followed, fit, fit_at, setup)
 
 
 def _fitted_moving(
     followed: Followed,
     images: Sequence[np.ndarray],
     instant: Identified | None,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
+    setup: Setup,
     work: Work,
 ) -> Followed:
-    """What was followed with the pose of a handle that moves while the shutter is open: fitted from
-    the pose that the markers agree on, which tells of the velocity as well; else from where the images
-    have the handle, or as predicted.
+    """The measurement with the pose of a handle that moves while the shutter is open. The fit
+    begins at the pose that the markers agree on, which updates the velocity as well; else where the
+    images have the handle, or as predicted.
     """
+    _, handle, p = setup
     near = followed.rig.near
     motion = followed.guess.motion
     if instant is not None:
         motion = update(motion, instant.T_world_handle, AGREED_COVARIANCE, p.motion)
         start = motion.pose
     else:
-        start = _displaced_start(images, followed.guess, near, handle, p)
+        start = _displaced_start(images, followed.guess, setup._replace(rig=near))
     blur = _expected_blur(motion, p)
     if is_new(motion, p.motion):
-        blur = _smear_motion(images, followed, start.translation, near, handle, p), blur[1]
+        blur = _smear_motion(images, followed, start.translation, setup._replace(rig=near)), blur[1]
 
     def fit_at(near: Rig, start: RigidTransform, is_far: bool = False) -> Fit | None:
         return fit_patches(
@@ -323,21 +318,20 @@ def _fitted_moving(
     fit = fit_at(near, start, is_far=instant is None)
     smear_px = np.nan if fit is None else fit.smear_px
     followed = followed._replace(smear_px=smear_px)
-    return _assessed(followed, fit, fit_at, rig, handle, p)
+    return _assessed(followed, fit, fit_at, setup)
 
 
 def _assessed(
     followed: Followed,
     fit: Fit | None,
     fit_at: Callable[[Rig, RigidTransform], Fit | None],
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
+    setup: Setup,
 ) -> Followed:
-    """What was followed with the pose of a fit, and with the rig as it leaves it."""
+    """The measurement with the pose of a fit, and with the rig as the fit leaves it."""
     if fit is None:
         return followed
     state = followed.rig
+    rig, handle, p = setup
     fit, found, near = assessed(fit, fit_at, rig, handle, state.near, state.earlier)
     pose = _judged(fit, found, rig, p)
     if pose is not LOST and found.information is not None:
@@ -348,19 +342,12 @@ def _assessed(
     return followed._replace(pose=pose, rig=state)
 
 
-def _enough_markers(sights: Sequence[Sight], p: FollowParameters) -> bool:
-    """Whether enough markers are where they are expected to begin a fit of the pixels there."""
-    return bool(sum(np.isfinite(sight.found[:, 0]).sum() for sight in sights) >= p.min_found)
-
-
-def _displaced_start(
-    images: Sequence[np.ndarray], guess: Guess, rig: Rig, handle: Handle, p: FollowParameters
-) -> RigidTransform:
+def _displaced_start(images: Sequence[np.ndarray], guess: Guess, setup: Setup) -> RigidTransform:
     """The predicted pose, shifted to where the images have the handle as far as they tell: two
     cameras side by side say little of the depth.
     """
     pose = guess.motion.pose
-    shown = displacement(images, guess.expected, pose.translation, rig, handle, p)
+    shown = displacement(images, guess.expected, pose.translation, setup)
     if shown is None:
         return pose
     shift, covariance = shown
@@ -369,13 +356,14 @@ def _displaced_start(
     return RigidTransform.from_components(pose.translation + gain @ shift, pose.rotation)
 
 
-def _agreeing_pose(instant: Identified, rig: Rig, handle: Handle, p: FollowParameters) -> Pose:
+def _agreeing_pose(instant: Identified, setup: Setup) -> Pose:
     """The pose by the estimator; `LOST` if it is another one than the markers agree on, or if the
     estimator is the image model itself, which needs no markers.
     """
+    p = setup.parameters
     if p.estimator == BEST:
         return LOST
-    pose = _estimated(instant, rig, handle, p)
+    pose = _estimated(instant, setup)
     T = pose.T_world_handle
     if T is None or apart(T, instant.T_world_handle, p.agreed_mm, np.deg2rad(p.agreed_deg)):
         return LOST
@@ -396,9 +384,7 @@ def _smear_motion(
     images: Sequence[np.ndarray],
     followed: Followed,
     centre: Array,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
+    setup: Setup,
 ) -> Array:
     """The motion while the shutter is open, (6,), without its turn, that the lengths and directions
     of the smeared markers show; its sign is arbitrary.
@@ -411,15 +397,15 @@ def _smear_motion(
     followed : Followed
     centre : ndarray, shape (3,)
         Of the handle, world frame, mm.
-    rig, handle, p
+    setup : Setup
     """
     ways = []
     slopes = []
-    for c, (image, sight) in enumerate(zip(images, followed.sights, strict=True)):
-        way = _smear(image, followed.guess.expected[c].size_px, sight, handle, p)
+    for c, (image, seen) in enumerate(zip(images, followed.observations, strict=True)):
+        way = _smear(image, followed.guess.expected[c].size_px, seen, setup)
         if way is not None:
             ways.append(way)
-            slopes.append(_by_position(rig, c, centre))
+            slopes.append(_by_position(setup.rig, c, centre))
     if not ways:
         return np.zeros(6)
     J = np.concatenate(slopes)
@@ -435,36 +421,36 @@ def _smear_motion(
     return np.concatenate([best, np.zeros(3)])
 
 
-def _smear(
-    image: np.ndarray, size_px: float, sight: Sight, handle: Handle, p: FollowParameters
-) -> Array | None:
+def _smear(image: np.ndarray, size_px: float, seen: Observation, setup: Setup) -> Array | None:
     """The way (2,), px, that the markers of an image are smeared along, from their second moments:
     a way w adds w^2/12 to those of a disc, d^2/16. It is at least what an image shows; None where there
     is no marker.
     """
     moments = []
-    for u, v, major, _, _, threshold in sight.found[np.isfinite(sight.found[:, 0])]:
+    for u, v, major, _, _, threshold in seen.markers[np.isfinite(seen.markers[:, 0])]:
         around = Window.around(np.array([[u, v]]))
         window = around and around.grown(0.6 * major).clipped(image.shape[::-1])
         if window is not None:
-            inside = (window.crop(image) > threshold) == (handle.markers == "bright")
+            inside = (window.crop(image) > threshold) == (setup.handle.markers == "bright")
             m = cv2.moments(inside.astype(np.uint8), binaryImage=True)
             moments.append(np.array([m["mu20"] - m["mu02"], 2 * m["mu11"]]) / max(m["m00"], 1.0))
     if not moments:
         return None
     twice = np.mean(moments, axis=0)
-    longer = np.nanmedian(sight.found[:, 2]) ** 2 - size_px**2
+    longer = np.nanmedian(seen.markers[:, 2]) ** 2 - size_px**2
     angle = np.arctan2(twice[1], twice[0]) / 2
-    way = max(np.sqrt(0.75 * max(longer, 0.0)), p.blurred_px)
+    way = max(np.sqrt(0.75 * max(longer, 0.0)), setup.parameters.blurred_px)
     return way * np.array([np.cos(angle), np.sin(angle)])
 
 
-def _stretched(expected: Sequence[Expected], sights: Sequence[Sight], p: FollowParameters) -> bool:
+def _stretched(
+    expected: Sequence[Expected], observations: Sequence[Observation], p: FollowParameters
+) -> bool:
     """Whether in some camera most markers are longer than any disc of their size would be."""
     return any(
-        np.nanmedian(sight.found[:, 2]) > p.blurred_length * one.size_px
-        for one, sight in zip(expected, sights, strict=True)
-        if np.isfinite(sight.found[:, 2]).any()
+        np.nanmedian(seen.markers[:, 2]) > p.blurred_length * one.size_px
+        for one, seen in zip(expected, observations, strict=True)
+        if np.isfinite(seen.markers[:, 2]).any()
     )
 
 
@@ -490,10 +476,10 @@ def _judged(fit: Fit, found: Assessment, rig: Rig, p: FollowParameters) -> Pose:
         ]
     )
     pose = judged(fit._replace(shown=fit.shown & (share > p.min_shown_share)[cameras]), found)
-    return pose if _sure(pose, p) and pose.residual_px < p.max_fit_residual_px else LOST
+    return pose if _is_precise(pose, p) and pose.residual_px < p.max_fit_residual_px else LOST
 
 
-def _sure(pose: Pose, p: FollowParameters) -> bool:
+def _is_precise(pose: Pose, p: FollowParameters) -> bool:
     """Whether this instant fixes the pose; what rig and layout do to it is the same before and
     after.
     """
@@ -501,20 +487,21 @@ def _sure(pose: Pose, p: FollowParameters) -> bool:
     return bool(own.sigma_mm < p.max_sigma_mm and own.sigma_deg < p.max_sigma_deg)
 
 
-def found_markers(sight: Sight) -> Markers:
-    """What a camera shows, with a row for each marker; NaN where there is none."""
-    table = sight.found
+def as_markers(observation: Observation) -> Markers:
+    """The markers that a camera shows, one row per marker of the handle; NaN where there is none."""
+    table = observation.markers
     return Markers(
         frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), ()
     )
 
 
 def _agreed(
-    pixels: Sequence[Array], rig: Rig, handle: Handle, start: RigidTransform, p: FollowParameters
+    pixels: Sequence[Array], setup: Setup, start: RigidTransform
 ) -> tuple[RigidTransform | None, tuple[np.ndarray, ...]]:
     """The pose that most of the markers agree with, and those that do."""
     from . import pose_loop  # only here: a browser has no Numba
 
+    rig, handle, p = setup
     uv = ideal_pixels(rig, pixels)
     offsets = offsets_at(rig, start.translation)
     views = views_of(rig)
@@ -546,17 +533,18 @@ def _agreed(
     return placed(poses.translations[0], poses.rotations[0]), tuple(labels[0])
 
 
-def _estimated(instant: Identified, rig: Rig, handle: Handle, p: FollowParameters) -> Pose:
+def _estimated(instant: Identified, setup: Setup) -> Pose:
     """The pose by the estimator, `LOST` if it is not sure; the paper's without the image model that
     checks an instant.
 
     The covariance of the paper's takes in the way to the pose that all pixels agree on.
     """
+    rig, handle, p = setup
     if not p.check:
         pose = estimate(instant, rig, handle, p)
-        return pose if _sure(pose, p) else LOST
+        return pose if _is_precise(pose, p) else LOST
     pose = fit_pose(instant.uv, rig, handle, p.max_slant_deg, p.sigma_px, instant.T_world_handle)
-    if pose.T_world_handle is None or not _sure(pose, p):
+    if pose.T_world_handle is None or not _is_precise(pose, p):
         return LOST
     away = motion_between(pose.T_world_handle, instant.T_world_handle)
     return replace(pose, covariance_random=pose.covariance_random + np.outer(away, away))
@@ -566,25 +554,24 @@ def displacement(
     images: Sequence[np.ndarray],
     expected: Sequence[Expected],
     centre: Array,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
+    setup: Setup,
 ) -> tuple[Array, Array] | None:
-    """By how much all of the handle has moved from where it was expected, if the cameras agree.
+    """The shift of the whole handle from where it was expected, if the cameras agree.
 
     Parameters
     ----------
     images : sequence of ndarray, shape (height, width)
-    expected : sequence of Expected, one a camera
+    expected : sequence of Expected, one per camera
     centre : ndarray, shape (3,)
         Where the handle is expected, world frame, mm.
-    rig, handle, p
+    setup : Setup
 
     Returns
     -------
     (ndarray, ndarray), shapes (3,) and (3, 3), or None
         The shift and its covariance, world frame, mm; None where fewer than two cameras agree.
     """
+    rig, handle, p = setup
     shifts = [
         _shift(image, one, handle.markers, p) for image, one in zip(images, expected, strict=True)
     ]
@@ -649,9 +636,7 @@ def _shift(
 
 
 def _spots(image: np.ndarray, size: float) -> np.ndarray:
-    """How much a spot of a size stands out from its surroundings, at most as much as half the spots
-    do.
-    """
+    """Contrast of spots of a size with their surroundings, at most as much as half the spots have."""
     near = cv2.GaussianBlur(image, (0, 0), max(size / 4, 0.6))
     wide = cv2.GaussianBlur(image, (0, 0), max(size, 1.5))
     out = np.maximum(near - wide, 0.0)

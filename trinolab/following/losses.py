@@ -1,4 +1,5 @@
-"""Why the handle is not measured in most instants: what a few of them show, for a person to read.
+"""Likely causes why the handle is not measured in most instants, as a few of them show, for a
+person to read.
 
 A wrong file is no error to a tracker: it sees nothing of the handle that it was told of, as when there
 is none. What is said here is computed from the images, and is a likely cause, not a certain one.
@@ -75,7 +76,7 @@ def _unheard() -> Iterator[None]:
 
 
 def likely_cause(instants: Sequence[Images], rig: Rig, handle: Handle) -> str:
-    """What a few instants without a pose show, and what is the likely cause.
+    """The likely cause why a few instants have no pose, and what they show.
 
     Parameters
     ----------
@@ -100,8 +101,8 @@ def likely_cause(instants: Sequence[Images], rig: Rig, handle: Handle) -> str:
     if exchanged := _exchanged(instants, rig, handle):
         return f"{looked}, which fit if {exchanged} are exchanged: likely the cameras are"
     if rig.covariance is not None:
-        doubted = _measured(instants, replace(rig, covariance=None), handle)
-        if sum(one.pose.status != "lost" for one in doubted) > SHOWING * len(doubted):
+        by_usual_rig = _measured(instants, replace(rig, covariance=None), handle)
+        if sum(one.pose.status != "lost" for one in by_usual_rig) > SHOWING * len(by_usual_rig):
             return (
                 f"{looked}, which fit a rig that is less well known than its file says: likely a camera "
                 "was moved, or the handle moves and the cameras are not synchronised"
@@ -113,7 +114,7 @@ def likely_cause(instants: Sequence[Images], rig: Rig, handle: Handle) -> str:
 
 
 def _nothing(instants: Sequence[Images], rig: Rig, handle: Handle) -> str:
-    """Why there are no markers."""
+    """The likely cause why there are no markers."""
     other = "dark" if handle.markers == "bright" else "bright"
     if _mostly(_measured(instants, rig, replace(handle, markers=other))):
         return f"the markers are {other}, the handle's file says {handle.markers}"

@@ -145,8 +145,8 @@ class FollowParameters(Parameters):
 
     @property
     def checked(self) -> FollowParameters:
-        """With the paper's poses checked against the pixels: a track must not begin at a wrong
-        one. The paper's estimator is also that of parameters which name none.
+        """These parameters, with the paper's poses checked against the pixels: a track must not
+        begin at a wrong one. The paper's estimator is also that of parameters which name none.
         """
         p = self.with_default(PAPER)
         return replace(p, check=True) if p.estimator == PAPER else p

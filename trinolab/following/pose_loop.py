@@ -54,7 +54,7 @@ def approach(R, t, views, layout, limits, uv, seen):
 
 @_compiled
 def project(R, t, views, layout, at):
-    """Where a pose has the markers, into `at` (C, n, 6); see `hypotheses.predict`."""
+    """Write the markers' images by a pose into `at` (C, n, 6); see `hypotheses.predict`."""
     rotations, translations, focal, principal = views
     centres, normals, tangents, slants, shift = layout
     per_rad = (len(slants) - 1) / slants[-1]
@@ -128,8 +128,8 @@ def turn(vector):
 
 @_compiled
 def nearest(uv, seen, limb, gate_px, at):
-    """Which of the markers that are seen and the places in a camera are nearest to each other by their
-    numbers, and lie within the gate, bool (C, n); see `hypotheses.explain`.
+    """Pairs of markers and places in a camera that are each other's nearest by their numbers, and
+    lie within the gate, bool (C, n); see `hypotheses.explain`.
     """
     kept = np.zeros(seen.shape, np.bool_)
     for c in range(seen.shape[0]):

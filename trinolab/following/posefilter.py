@@ -27,7 +27,7 @@ H = np.eye(6, 18)  # the pose is observed, its rates are not (Eq. 12)
 
 @dataclass(frozen=True)
 class PoseFilterParameters:
-    """How a handle may move.
+    """Parameters of the handle's motion model.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class PoseFilterParameters:
 
 
 class Motion(NamedTuple):
-    """What is believed of the handle's motion at a time.
+    """The estimated motion of the handle at a time.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class Motion(NamedTuple):
 
     @property
     def pose_covariance(self) -> Array:
-        """Of position (mm) and rotation vector (rad), world frame, shape (6, 6)."""
+        """Covariance of position (mm) and rotation vector (rad), world frame, shape (6, 6)."""
         return self.covariance[:6, :6]
 
 

@@ -34,10 +34,11 @@ from .look import (
     Followed,
     Guess,
     RigState,
+    Setup,
+    as_markers,
     displacement,
     expect,
     follow,
-    found_markers,
     may_be_blurred,
     prepare,
 )
@@ -53,7 +54,7 @@ SEARCH_COVARIANCE = np.diag(np.repeat([1.0, 0.1], 3) ** 2)
 
 
 class TrackState(NamedTuple):
-    """What is known after an instant.
+    """The state of a track after an instant.
 
     Attributes
     ----------
@@ -61,9 +62,9 @@ class TrackState(NamedTuple):
         Time of the instant, s.
     motion : Motion or None
         None if nothing is followed.
-    seen : Motion or None
+    last_measured : Motion or None
         The same when the handle was last measured, or given.
-    sure : bool
+    unambiguous : bool
         Whether the pose that is followed is the true one of those that look alike.
     rig : RigState or None
         As the measurements so far leave it; None before the first one.
@@ -77,8 +78,8 @@ class TrackState(NamedTuple):
 
     t_s: float
     motion: Motion | None
-    seen: Motion | None
-    sure: bool
+    last_measured: Motion | None
+    unambiguous: bool
     rig: RigState | None = None
     systematic: Array = NOTHING
     blurred: bool = False
@@ -93,7 +94,7 @@ class Tracked(NamedTuple):
     measurement : Measurement
     windows : tuple of Window or None
         That were searched; None where a camera was left out.
-    labels : tuple of ndarray of int, one a camera, or None
+    labels : tuple of ndarray of int, one per camera, or None
         Of the markers found near where they were expected, also where they agree on no pose; None
         where the whole images were searched.
     """
@@ -104,12 +105,12 @@ class Tracked(NamedTuple):
 
 
 class Searched(NamedTuple):
-    """What the whole images of an instant show.
+    """The result of a search of the whole images of an instant.
 
     Attributes
     ----------
     found : tuple of Markers
-        One a camera.
+        One per camera.
     hypotheses : list of Hypothesis
         See `identity.identify`.
     is_complete : bool
@@ -175,7 +176,7 @@ def track_instants(
     given = known or {}
     prepare()  # not at the expense of the first instant
     for now in instants:
-        if now.frame in given and (state is None or not state.sure):
+        if now.frame in given and (state is None or not state.unambiguous):
             # the time has to increase
             state = start(np.nextafter(now.t_s, -np.inf) - 1e-6, given[now.frame])
         elif state is None:
@@ -223,48 +224,47 @@ def step(
         If the frames are none of the rig, see `measurement.measure`, or the time does not increase.
     """
     p = (parameters or FollowParameters()).checked
+    setup = Setup(rig, handle, p)
     t = as_number(t_s, "t_s", low=state.t_s, open_low=True)
     images = as_images(frames, rig)
     work = Work(p.most_work, state.cursor)
 
     @cache
     def search() -> Searched:
-        return _searched(images, rig, handle, p, work)
+        return _searched(images, setup, work)
 
-    if state.motion is None or state.seen is None:
-        return _begun(images, t, state.rig, rig, handle, p, search, work)
+    if state.motion is None or state.last_measured is None:
+        return _begun(images, t, state.rig, setup, search, work)
     predicted = posefilter.predict(state.motion, t, p.motion)
-    first = _guess(predicted, state.blurred, rig, handle, p)
-    as_predicted = follow(images, first, rig, handle, p, state.rig, work)
-    best = _better(None, as_predicted, rig, handle, p)
-    guesses = _further_guesses(images, first, state, rig, handle, p, search)
+    first = _guess(predicted, state.blurred, setup)
+    as_predicted = follow(images, first, setup, state.rig, work)
+    best = _better(None, as_predicted, setup)
+    guesses = _further_guesses(images, first, state, setup, search)
     all_tried = False
-    while work.left >= LEAST_SHARE * p.most_work and not _enough_cameras(best, rig):
+    while work.remaining >= LEAST_SHARE * p.most_work and not _enough_cameras(best, rig):
         guess = next(guesses, None)
         if guess is None:
             all_tried = not work.was_cut
             break
-        followed = follow(images, guess, rig, handle, p, state.rig, work)
-        best = _better(best, followed, rig, handle, p)
+        followed = follow(images, guess, setup, state.rig, work)
+        best = _better(best, followed, setup)
     if best is not None and (all_tried or _enough_cameras(best, rig)):
-        return _measured(best, state.sure, handle, p)
-    if t - state.seen.t_s > p.memory_s + 1e-9:  # times are rounded
-        return _begun(images, t, state.rig, rig, handle, p, search, work)
+        return _measured(best, state.unambiguous, handle, p)
+    if t - state.last_measured.t_s > p.memory_s + 1e-9:  # times are rounded
+        return _begun(images, t, state.rig, setup, search, work)
     # The windows of the prediction belong to the pose that is reported.
     state = state._replace(t_s=t, motion=predicted, cursor=work.cursor)
-    return state, _missed(as_predicted, state, handle)
+    return state, _predicted_only(as_predicted, state, handle)
 
 
-def _better(
-    best: Followed | None, followed: Followed, rig: Rig, handle: Handle, p: FollowParameters
-) -> Followed | None:
-    """What a guess has led to, if more cameras show it than the best one so far, and it may be the
-    continuation of the motion; else the best one so far.
+def _better(best: Followed | None, followed: Followed, setup: Setup) -> Followed | None:
+    """The measurement at a guess, if more cameras show it than the best one so far, and it may be
+    the continuation of the motion; else the best one so far.
     """
     cameras = 0 if best is None else best.pose.cameras
     if followed.pose.cameras <= cameras:
         return best
-    continues = believable(followed.pose, followed.guess.motion, rig, handle, p)
+    continues = believable(followed.pose, followed.guess.motion, setup)
     return followed if continues else best
 
 
@@ -275,65 +275,62 @@ def _enough_cameras(best: Followed | None, rig: Rig) -> bool:
     return best is not None and 2 * best.pose.cameras >= len(rig.cameras)
 
 
-def _guess(motion: Motion, blurred: bool, rig: Rig, handle: Handle, p: FollowParameters) -> Guess:
+def _guess(motion: Motion, blurred: bool, setup: Setup) -> Guess:
     """The guess that the handle moves so, and shows motion blur if that is what it did before and it
     is fast enough.
     """
-    expected = expect(rig, handle, motion, p)
-    return Guess(motion, expected, blurred and may_be_blurred(expected, p))
+    expected = expect(setup, motion)
+    return Guess(motion, expected, blurred and may_be_blurred(expected, setup.parameters))
 
 
 def _further_guesses(
     images: list[np.ndarray],
     predicted: Guess,
     state: TrackState,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
+    setup: Setup,
     search: Callable[[], Searched],
 ) -> Iterator[Guess]:
-    """Where the handle may be if not as predicted: shifted to where the images have it, and where a
-    search of the whole images finds it.
+    """Further guesses, if the handle is not as predicted: shifted to where the images have it, and
+    as a search of the whole images finds it.
     """
+    rig, handle, p = setup
     motion = predicted.motion
-    seen = state.seen
-    assert seen is not None
+    last = state.last_measured
+    assert last is not None
     centre = motion.pose.translation
-    shift = displacement(images, predicted.expected, centre, rig, handle, p)
+    shift = displacement(images, predicted.expected, centre, setup)
     if shift is not None:
-        moved = posefilter.restarted(motion, centre + shift[0], shift[1], seen, p.motion)
-        yield _guess(moved, state.blurred, rig, handle, p)
+        moved = posefilter.restarted(motion, centre + shift[0], shift[1], last, p.motion)
+        yield _guess(moved, state.blurred, setup)
     _, hypotheses, is_complete = search()
     if not hypotheses:
         return
-    T, labels, sure = chosen(hypotheses, images, rig, handle, motion.pose, p)
+    T, labels, unambiguous = chosen(hypotheses, images, rig, handle, motion.pose, p)
     cameras = sum(bool((row >= 0).any()) for row in labels)
     pose = Pose("measured", T, SEARCH_COVARIANCE, np.nan, 0, cameras)
-    if sure and is_complete and believable(pose, motion, rig, handle, p):
+    if unambiguous and is_complete and believable(pose, motion, setup):
         updated = posefilter.update(motion, T, SEARCH_COVARIANCE, p.motion)
-        yield _guess(updated, state.blurred, rig, handle, p)
+        yield _guess(updated, state.blurred, setup)
 
 
-def _searched(
-    images: list[np.ndarray], rig: Rig, handle: Handle, p: FollowParameters, work: Work
-) -> Searched:
+def _searched(images: list[np.ndarray], setup: Setup, work: Work) -> Searched:
     """Search the whole images, with the work that is not kept for the fit of what is found."""
-    kept = SEARCH_LEAVES * p.most_work
-    work.left -= kept
-    found, hypotheses = identified(images, whole_images(rig), rig, handle, p, work)
+    kept = SEARCH_LEAVES * setup.parameters.most_work
+    work.remaining -= kept
+    found, hypotheses = identified(images, whole_images(setup.rig), *setup, work)
     is_complete = not work.was_cut
-    work.left += kept
+    work.remaining += kept
     return Searched(found, hypotheses, is_complete)
 
 
 def _tracked(followed: Followed, pose: Pose, labels: tuple[np.ndarray, ...]) -> Tracked:
-    """What was found where a guess has the handle, with the pose that is reported."""
-    markers = tuple(map(found_markers, followed.sights))
-    windows = tuple(sight.window for sight in followed.sights)
+    """The instant of a measurement at a guess, with the pose that is reported."""
+    markers = tuple(map(as_markers, followed.observations))
+    windows = tuple(one.window for one in followed.observations)
     return Tracked(Measurement(pose, markers, labels), windows, followed.labels)
 
 
-def _missed(followed: Followed, state: TrackState, handle: Handle) -> Tracked:
+def _predicted_only(followed: Followed, state: TrackState, handle: Handle) -> Tracked:
     """An instant without a measurement: the predicted pose, with what is seen where it has the
     handle.
     """
@@ -341,20 +338,22 @@ def _missed(followed: Followed, state: TrackState, handle: Handle) -> Tracked:
     spread = motion.pose_covariance
     pose = Pose("predicted", motion.pose, spread, np.nan, 0, 0, state.systematic)
     nothing = tuple(np.full(len(labels), -1) for labels in followed.labels)
-    return _reported(_tracked(followed, pose, nothing), state.sure, handle)
+    return _reported(_tracked(followed, pose, nothing), state.unambiguous, handle)
 
 
 def _measured(
-    followed: Followed, sure: bool, handle: Handle, p: FollowParameters
+    followed: Followed, unambiguous: bool, handle: Handle, p: FollowParameters
 ) -> tuple[TrackState, Tracked]:
     """The state after a pose that continues the motion."""
     motion = followed.guess.motion
     pose = followed.pose
     assert pose.T_world_handle is not None
     after = posefilter.update(motion, pose.T_world_handle, pose.covariance_random, p.motion)
-    tracked = _reported(_tracked(followed, pose, followed.labels), sure, handle)
+    tracked = _reported(_tracked(followed, pose, followed.labels), unambiguous, handle)
     blurred = followed.smear_px > p.blurred_px
-    state = TrackState(motion.t_s, after, after, sure, followed.rig, pose.systematic, blurred)
+    state = TrackState(
+        motion.t_s, after, after, unambiguous, followed.rig, pose.systematic, blurred
+    )
     return state, tracked
 
 
@@ -362,15 +361,14 @@ def _begun(
     images: list[np.ndarray],
     t: float,
     known: RigState | None,
-    rig: Rig,
-    handle: Handle,
-    p: FollowParameters,
+    setup: Setup,
     search: Callable[[], Searched],
     work: Work,
 ) -> tuple[TrackState, Tracked]:
     """The state after an instant of which nothing is known but the rig: the handle is followed from
     where a search of the whole images has it.
     """
+    rig, handle, p = setup
     markers, hypotheses, is_complete = search()
     nothing = tuple(np.full(len(one.uv), -1) for one in markers)
     lost = TrackState(t, None, None, False, known, cursor=work.cursor)
@@ -378,26 +376,27 @@ def _begun(
     nowhere = Tracked(Measurement(LOST, markers, nothing), whole)
     if not hypotheses:
         return lost, nowhere
-    T, _, sure = chosen(hypotheses, images, rig, handle, None, p)
+    T, _, unambiguous = chosen(hypotheses, images, rig, handle, None, p)
     motion = posefilter.begin(t, T, SEARCH_COVARIANCE, p.motion)
-    followed = follow(images, _guess(motion, False, rig, handle, p), rig, handle, p, known, work)
+    followed = follow(images, _guess(motion, False, setup), setup, known, work)
     if followed.pose is LOST:
         return lost, nowhere
-    sure &= is_complete
-    state, tracked = _measured(followed, sure, handle, p)
+    unambiguous &= is_complete
+    state, tracked = _measured(followed, unambiguous, handle, p)
     tracked = tracked._replace(windows=whole)
-    if sure or len(handle.symmetries) > 1:
+    if unambiguous or len(handle.symmetries) > 1:
         return state, tracked
     # a pose that is not sure is searched for in the same way again
     return lost._replace(cursor=0), tracked
 
 
-def believable(pose: Pose, motion: Motion, rig: Rig, handle: Handle, p: FollowParameters) -> bool:
+def believable(pose: Pose, motion: Motion, setup: Setup) -> bool:
     """Whether a measured pose may be the continuation of a motion; the less, the fewer cameras say
     so.
     """
     if pose.status != "measured" or pose.T_world_handle is None:
         return False
+    rig, handle, p = setup
     if pose.cameras == len(rig.cameras):
         sigmas = p.gate_all_sigmas
         step_mm = p.gate_all_mm
@@ -414,13 +413,13 @@ def believable(pose: Pose, motion: Motion, rig: Rig, handle: Handle, p: FollowPa
     return not apart(pose.T_world_handle, motion.pose, most_mm, most_rad)
 
 
-def _reported(tracked: Tracked, sure: bool, handle: Handle) -> Tracked:
-    """As it is if it is sure which of the equivalent poses holds, else with the one that `measure`
-    would name.
+def _reported(tracked: Tracked, unambiguous: bool, handle: Handle) -> Tracked:
+    """The instant as it is if only one of the equivalent poses can hold, else with the one that
+    `measure` would name.
     """
     m = tracked.measurement
     pose = m.pose
-    if sure or pose is LOST or pose.T_world_handle is None:
+    if unambiguous or pose is LOST or pose.T_world_handle is None:
         return tracked
     alike = equivalents(pose.T_world_handle, handle)
     k = choose(alike, None)[0]

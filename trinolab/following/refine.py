@@ -1,4 +1,4 @@
-"""What `trinolab refine` does: from a recording of the moving handle, a better rig and a better
+"""The command ``trinolab refine``: a recording of the moving handle to a better rig and a better
 handle file.
 
 The handle is followed, instants that spread over its motion are chosen, the centres of their markers
@@ -27,11 +27,11 @@ from ..camera import Rig, RigCovariance
 from ..checks import Array, as_number, as_whole
 from ..datasets import handle_file, handle_of, rig_file, rig_of
 from ..default_covariance import assumed
-from ..files.kept import fingerprint, locked
+from ..files.journal import fingerprint, locked
 from ..files.outputs import write_together, write_whole
 from ..files.poses import poses_text, read_poses, transforms
-from ..files.recorder import partial_of
 from ..files.recording import Recording, open_recording, some_instants
+from ..files.recording_writer import partial_of
 from ..files.rigs import covariance_text, handle_text, rig_text
 from ..handle import Handle
 from ..methods import BEST
@@ -51,7 +51,7 @@ FOLLOWED_BY = FollowParameters(estimator=BEST)
 
 
 class Refined(NamedTuple):
-    """What a recording says about a rig and a handle.
+    """A rig and a handle adjusted to a recording.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Refined(NamedTuple):
         Rms distance of the centres from where the old rig and handle have them, with the poses that
         fit those best, and the new ones.
     views : pandas.DataFrame
-        A row a camera and instant: `frame`, `camera`, `status` (``used``, ``left out``, ``nothing
+        A row per camera and instant: `frame`, `camera`, `status` (``used``, ``left out``, ``nothing
         seen``), `centres`, `rms_px` (NaN if not used), `reason`.
     """
 
@@ -85,7 +85,7 @@ class Refined(NamedTuple):
     views: pd.DataFrame
 
 
-class _Asked(NamedTuple):
+class _Task(NamedTuple):
     """A refinement to do: the recording and its handle, which say how well they are known; poses
     known at some frames, the prior, how many instants are taken, where finished work is kept, and
     what tells this work from another.
@@ -157,32 +157,32 @@ def refine_files(
     """
     the_rig, the_handle = rig_of(rig), handle_of(handle)
     values = [what for what in (rig, handle) if isinstance(what, Rig | Handle)]
-    rig = "rig" if isinstance(rig, Rig) else rig_file(rig)
-    handle = "handle" if isinstance(handle, Handle) else handle_file(handle)
+    rig_name = "rig" if isinstance(rig, Rig) else rig_file(rig)
+    handle_name = "handle" if isinstance(handle, Handle) else handle_file(handle)
     recording = open_recording(sources, the_rig, fps, timestamps)
     prior = prior_of(the_rig, the_handle, _as_length(length, the_rig, the_handle))
     most = as_whole(instants, "instants", low=FEWEST)
     known = known_poses(start, recording)
     if len(the_handle.symmetries) > 1 and not known:
         raise ValueError(
-            f"start: {handle} looks alike from {len(the_handle.symmetries)} sides; expected a pose "
+            f"start: {handle_name} looks alike from {len(the_handle.symmetries)} sides; expected a pose "
             "that says which marker is which"
         )
     recording = recording._replace(
         rig=replace(the_rig, covariance=RigCovariance(the_rig.names, prior.rig))
     )
-    lines = assumed(the_rig, the_handle, rig, handle)
+    lines = assumed(the_rig, the_handle, rig_name, handle_name)
     the_handle = replace(the_handle, placement_sigma_mm=prior.placement_sigma_mm)
-    files = [path for path in (rig, handle) if isinstance(path, Path)]
+    files = [path for path in (rig_name, handle_name) if isinstance(path, Path)]
     files += [Path(path) for path in (start, timestamps) if path is not None]
     options = (start is None, fps, most, length, prior.rig.tolist())
     made_from = fingerprint(files, sources, *options, *map(_content_of, values))
     partial = partial_of(out)
     partial.mkdir(exist_ok=True)
     with locked(partial):
-        asked = _Asked(recording, the_handle, known, prior, most, partial, made_from, progress)
+        task = _Task(recording, the_handle, known, prior, most, partial, made_from, progress)
         try:
-            refined = _refined(asked)
+            refined = _refined(task)
             _write(refined, partial, Path(out))
         except _TooLittleError:
             shutil.rmtree(partial)
@@ -235,52 +235,60 @@ def _as_length(length: tuple[str, str, float] | None, rig: Rig, handle: Handle) 
     )
 
 
-def _refined(asked: _Asked) -> Refined:
+def _refined(task: _Task) -> Refined:
     """Follow, choose, then measure and adjust, and once again with what the first time gave."""
-    table = _followed(asked)
+    table = _followed(task)
     measured = table[table["status"] == "measured"]
-    moved = motion(measured, asked.recording.rig, FOLLOWED_BY.exposure_s)
+    moved = motion(measured, task.recording.rig, FOLLOWED_BY.exposure_s)
     good = measured[moved.still]
     if len(good) < FEWEST:
         raise _TooLittleError(
-            f"{asked.recording.footage[0].path}: {len(good)} instants show the handle still "
-            f"enough, expected {FEWEST} or more; {_to_record(asked, table, moved)}"
+            f"{task.recording.footage[0].path}: {len(good)} instants show the handle still "
+            f"enough, expected {FEWEST} or more; {_to_record(task, table, moved)}"
         )
-    rows = good.iloc[spread_out(transforms(good), asked.most)]
+    rows = good.iloc[spread_out(transforms(good), task.most)]
     frames = rows["frame"].to_numpy()
     poses = transforms(rows)
-    rig = asked.recording.rig
-    handle = asked.handle
+    rig = task.recording.rig
+    handle = task.handle
     for number in range(PASSES):
         seen = measured_centres(
-            asked.recording._replace(rig=rig),
+            task.recording._replace(rig=rig),
             handle,
             frames,
             poses,
-            asked.kept / f"centres_{number}.json",
-            _head(asked, rig_text(rig), handle_text(handle), poses.as_matrix().tolist()),
-            asked.progress,
+            task.kept / f"centres_{number}.json",
+            fingerprint(
+                [],
+                {},
+                task.made_from,
+                rig_text(rig),
+                handle_text(handle),
+                poses.as_matrix().tolist(),
+            ),
+            task.progress,
         )
         try:
-            adjusted = adjust_robustly(asked.recording.rig, asked.handle, poses, seen, asked.prior)
+            adjusted = adjust_robustly(task.recording.rig, task.handle, poses, seen, task.prior)
         except ValueError as error:
             raise _TooLittleError(str(error)) from None
         rig = adjusted.bundle.rig
         handle = adjusted.bundle.handle
-        poses = _replaced(poses, adjusted)
+        new = dict(zip(adjusted.instants.tolist(), adjusted.bundle.poses, strict=True))
+        poses = RigidTransform.concatenate([new.get(k, pose) for k, pose in enumerate(poses)])
     counts = (len(good), len(table))
-    return _as_refined(asked, adjusted, frames, counts, seen)
+    return _as_refined(task, adjusted, frames, counts, seen)
 
 
-def _to_record(asked: _Asked, table: pd.DataFrame, moved: Motion) -> str:
-    """How still the handle was, and what to record instead."""
+def _to_record(task: _Task, table: pd.DataFrame, moved: Motion) -> str:
+    """A line about a handle that was not still enough, and what to record instead."""
 
     def images_of(numbers: list[int]) -> Iterator[Sequence[np.ndarray]]:
         frames = table["frame"].iloc[numbers].tolist()
-        return (now.images for now in some_instants(asked.recording, frames))
+        return (now.images for now in some_instants(task.recording, frames))
 
     shown = f"it is measured in {len(moved.speed)} of {len(table)}"
-    causes = lost_lines(table, asked.recording.rig, asked.handle, images_of)
+    causes = lost_lines(table, task.recording.rig, task.handle, images_of)
     if len(moved.speed) < FEWEST:
         return "; ".join([shown, *causes, ADVICE])
     slowest = np.percentile(moved.way_px, 10)
@@ -294,36 +302,25 @@ def _to_record(asked: _Asked, table: pd.DataFrame, moved: Motion) -> str:
     )
 
 
-def _followed(asked: _Asked) -> pd.DataFrame:
+def _followed(task: _Task) -> pd.DataFrame:
     """The poses of all instants: those that are kept, or followed now."""
-    kept = asked.kept / f"poses_{asked.made_from}.csv"
+    kept = task.kept / f"poses_{task.made_from}.csv"
     if not kept.exists():
-        table, _ = follow(asked.recording, asked.handle, FOLLOWED_BY, asked.known, asked.progress)
+        table, _ = follow(task.recording, task.handle, FOLLOWED_BY, task.known, task.progress)
         write_whole(kept, poses_text(table))
     return read_poses(kept)
 
 
-def _head(asked: _Asked, *parts: Any) -> str:
-    """What tells one step of the work from another."""
-    return fingerprint([], {}, asked.made_from, *parts)
-
-
-def _replaced(poses: RigidTransform, found: Cleaned) -> RigidTransform:
-    """The poses, with those that were adjusted in their places."""
-    new = dict(zip(found.instants.tolist(), found.bundle.poses, strict=True))
-    return RigidTransform.concatenate([new.get(k, pose) for k, pose in enumerate(poses)])
-
-
 def _as_refined(
-    asked: _Asked, found: Cleaned, frames: np.ndarray, counts: tuple[int, int], seen: Centres
+    task: _Task, found: Cleaned, frames: np.ndarray, counts: tuple[int, int], seen: Centres
 ) -> Refined:
-    rig = asked.recording.rig
-    before = fit_poses(rig, asked.handle, found.bundle.poses, found.seen)
+    rig = task.recording.rig
+    before = fit_poses(rig, task.handle, found.bundle.poses, found.seen)
     return Refined(
         rig,
-        asked.handle,
+        task.handle,
         found,
-        asked.prior,
+        task.prior,
         frames,
         *counts,
         _rms(before.residuals_px),

@@ -1,4 +1,4 @@
-"""How far the clocks of unsynchronised cameras lie apart, from the motion that they saw.
+"""Offsets between the clocks of unsynchronised cameras, from the motion that they saw.
 
 A camera's frame labelled t shows what happened at t + offset. Two cameras a and b see a moving
 marker where the epipolar constraint allows it only if both look at one moment, so b's pixel is
@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
-from ..camera import Camera, Rig, fundamental_matrix
+from ..camera import Rig, fundamental_matrix
 from ..checks import Array, as_array, as_number, frozen
 
 LARGEST_S = 0.2  # largest offset that is looked for
@@ -42,7 +42,7 @@ BEYOND = f"no best offset within {LARGEST_S:g} s"
 
 @dataclass(frozen=True, eq=False)
 class Offsets:
-    """How late each camera is.
+    """Clock offsets: the delay of each camera.
 
     Attributes
     ----------
@@ -104,7 +104,12 @@ def estimate_offsets(times_s: ArrayLike, uv: ArrayLike, rig: Rig) -> Offsets:
     if (np.diff(times) <= 0).any():
         raise ValueError("times_s: expected increasing times, got a step that is not positive")
     pixels = as_array(uv, "uv", (len(rig.cameras), len(times), None, 2), finite=False)
-    ideal = np.stack([_ideal(*pair) for pair in zip(rig.cameras, pixels, strict=True)])
+    ideal = np.stack(
+        [
+            camera.ideal_pixels(own.reshape(-1, 2)).reshape(own.shape)
+            for camera, own in zip(rig.cameras, pixels, strict=True)
+        ]
+    )
     tracks = [tracks_of(times, one) for one in ideal]
     deltas = {
         (a, b): pair_delta(
@@ -241,11 +246,6 @@ def _reason(camera: int, deltas: dict[tuple[int, int], Delta], reached: set[int]
         return None
     reasons = [found.reason for pair, found in deltas.items() if camera in pair]
     return next((reason for reason in (BEYOND, RESTING) if reason in reasons), UNSEEN)
-
-
-def _ideal(camera: Camera, uv: Array) -> Array:
-    """Pixels without the lens distortion, shape (n, markers, 2)."""
-    return camera.ideal_pixels(uv.reshape(-1, 2)).reshape(uv.shape)
 
 
 def _typical(r: Array) -> float:

@@ -1,4 +1,4 @@
-"""From a recording to a file of poses: the command ``trinolab track``."""
+"""The command ``trinolab track``: a recording to a file of poses."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..camera import Rig
 from ..checks import Array
 from ..datasets import handle_file, handle_of, rig_file, rig_of
 from ..default_covariance import assumed
-from ..files.kept import sole_writer
+from ..files.journal import sole_writer
 from ..files.outputs import check_targets, write_together
 from ..files.poses import (
     POSE_COLUMNS,
@@ -105,12 +105,12 @@ def track_files(
         Names the file that is missing, unreadable or does not fit, or that another process writes.
     """
     the_rig, the_handle = rig_of(rig), handle_of(handle)
-    rig = "rig" if isinstance(rig, Rig) else rig_file(rig)
-    handle = "handle" if isinstance(handle, Handle) else handle_file(handle)
+    rig_name = "rig" if isinstance(rig, Rig) else rig_file(rig)
+    handle_name = "handle" if isinstance(handle, Handle) else handle_file(handle)
     recording = open_recording(sources, the_rig, fps, timestamps)
     parameters = FollowParameters(estimator=estimator_of(method))
     known = known_poses(start, recording)
-    files = [path for path in (rig, handle) if isinstance(path, Path)]
+    files = [path for path in (rig_name, handle_name) if isinstance(path, Path)]
     files += [Path(path) for path in (start, timestamps) if path is not None]
     tum = Path(out).with_suffix(".tum")
     check_targets([out, tum], files)
@@ -119,9 +119,9 @@ def track_files(
         if offsets is not None:
             table = widened(table, offsets, the_rig)
         write_together({out: poses_text(table), tum: tum_text(table)})
-    lines = assumed(the_rig, the_handle, rig, handle)
+    lines = assumed(the_rig, the_handle, rig_name, handle_name)
     if not is_uncertain(the_rig, the_handle):
-        lines = contradictions(table, rig)
+        lines = contradictions(table, rig_name)
     for line in lines:
         log.info(line)
 
@@ -198,8 +198,8 @@ def follow(
     rig = recording.rig
     rows: list[tuple] = []
     measured = 0
-    seen = Seen([], [])
-    watched = Watched(rig, handle, parameters)
+    identified = IdentifiedMarkers([], [])
+    drift_monitor = DriftMonitor(rig, handle, parameters)
     steps = posetracker.track_instants(instants(recording), rig, handle, parameters, known)
     with (
         logging_redirect_tqdm(),
@@ -208,16 +208,16 @@ def follow(
         for now, tracked in steps:
             pose = tracked.measurement.pose
             rows.append(pose_row(now.frame, now.t_s, pose))
-            seen.add(now.t_s, tracked, len(handle.marker_centres))
-            watched.add(now.frame, now.t_s, tracked)
+            identified.add(now.t_s, tracked, len(handle.marker_centres))
+            drift_monitor.add(now.frame, now.t_s, tracked)
             if watch is not None:
                 watch(recording, now, tracked)
             measured += pose.status == "measured"
             bar.set_postfix_str(f"tracked {100 * measured / (now.frame + 1):.0f} %", refresh=False)
             bar.update()
-        offsets = seen.offsets(rig)
+        offsets = identified.offsets(rig)
         late = late_lines(offsets, rig) if offsets else []
-        for line in [*late, *watched.drift()]:
+        for line in [*late, *drift_monitor.drift()]:
             log.info(line)
     return pd.DataFrame(rows, columns=list(POSE_COLUMNS)), offsets
 
@@ -229,7 +229,7 @@ def _identified(tracked: posetracker.Tracked, markers: int) -> Array:
     return labelled_pixels(labels, pixels, markers)
 
 
-class Seen(NamedTuple):
+class IdentifiedMarkers(NamedTuple):
     """Identified markers of the instants so far: times, s, and pixels (cameras, markers, 2)."""
 
     times_s: list[float]
@@ -242,13 +242,13 @@ class Seen(NamedTuple):
             self.uv.append(_identified(tracked, markers))
 
     def offsets(self, rig: Rig) -> Offsets | None:
-        """How far the clocks lie apart; None for less than two instants."""
+        """The offsets between the clocks; None for less than two instants."""
         if len(self.times_s) < 2:
             return None
         return estimate_offsets(np.array(self.times_s), np.stack(self.uv, axis=1), rig)
 
 
-class Watched:
+class DriftMonitor:
     """The instants of a track in which a drift of the rig would show: of long ones every second,
     every fourth, ...
     """

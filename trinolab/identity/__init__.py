@@ -1,4 +1,5 @@
-"""Which found marker is which marker of the handle: poses from triplets, verified in every image.
+"""Identification: which image belongs to which marker of the handle. Poses from triplets, verified
+in every image.
 
 The paper takes it for granted that the markers are told apart (Sect. 5.2); this folder does it.
 `identify` is the whole way; the modules are its steps: `layout` (handle and rig as arrays), `p3p`

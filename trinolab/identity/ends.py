@@ -1,4 +1,5 @@
-"""Which way round: the visible end of the body tells poses apart that show the same markers.
+"""The direction of the handle's axis: the visible end of the body tells poses apart that show the
+same markers.
 
 Turned end for end, the handle's body lies elsewhere along the axis. Beside the markers there are
 stretches of the axis where one pose has the body and the other has not: there an image shows the
@@ -41,12 +42,12 @@ def keep_by_body(
     poses: Sequence[RigidTransform],
     parameters: IdentityParameters | None = None,
 ) -> np.ndarray:
-    """Which of several poses the body's visible end leaves; all where it does not decide clearly.
+    """The poses that agree with the body's visible end, bool; all where it does not decide clearly.
 
     Parameters
     ----------
     images : sequence of ndarray, shape (height, width)
-        One a camera, in the rig's order.
+        One per camera, in the rig's order.
     rig : Rig
     handle : Handle
     poses : sequence of RigidTransform
@@ -68,8 +69,8 @@ def keep_by_body(
 
 
 def _spans(handle: Handle, poses: Sequence[RigidTransform]) -> Array:
-    """Where each body begins and ends on the first pose's axis, shape (k, 2), mm; NaN if its axis
-    is another one.
+    """Both ends of each body on the first pose's axis, shape (k, 2), mm; NaN if its axis is another
+    one.
     """
     points = np.array([[0.0, handle.bottom_mm, 0.0], [0.0, handle.top_mm, 0.0], [0.0, 0.0, 0.0]])
     matrices = np.linalg.inv(poses[0].as_matrix()) @ [pose.as_matrix() for pose in poses]
@@ -136,7 +137,7 @@ def _lead(
     stations: Stations,
     p: IdentityParameters,
 ) -> float | None:
-    """By how much of an edge's contrast one camera prefers the body below to above; None if it
+    """Share of an edge's contrast by which one camera prefers the body below to above; None if it
     shows no edges.
     """
     steps = _steps(image, camera, handle, pose, np.concatenate(stations))

@@ -66,7 +66,7 @@ class Observed(NamedTuple):
     offsets: ImageOffsets | None = None
 
     def only(self, camera: int) -> Observed:
-        """What one camera alone has found."""
+        """The observations of one camera alone."""
         axes = None if self.axes is None else self.axes[[camera]]
         return Observed(self.views.only(camera), self.layout, self.uv[[camera]], axes)
 
@@ -76,8 +76,8 @@ class Observed(NamedTuple):
 
 
 class Predicted(NamedTuple):
-    """What poses predict: centroids in pixels (h, C, 2, n), the cosines of the slants (h, C, n),
-    and the points in the cameras' frames of which the centroids are images (h, C, 3, n), mm.
+    """Predicted images of poses: centroids in pixels (h, C, 2, n), the cosines of the slants (h, C,
+    n), and the points in the cameras' frames of which the centroids are images (h, C, 3, n), mm.
     """
 
     uv: Array
@@ -86,7 +86,7 @@ class Predicted(NamedTuple):
 
 
 class Explained(NamedTuple):
-    """What poses explain.
+    """The observations that poses explain.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ def ideal_pixels(rig: Rig, found: Sequence[Array]) -> Array:
 
 
 def predict(poses: Poses, views: Views, layout: Layout) -> Predicted:
-    """Where poses predict the markers' centroids, to first order in a marker's size."""
+    """The markers' centroids that poses predict, to first order in a marker's size."""
     h = len(poses.rotations)
     C = len(views.rotations)
     n = len(layout.centres)

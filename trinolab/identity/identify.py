@@ -1,4 +1,5 @@
-"""Which found marker is which marker of the handle: poses from triplets, verified in every image.
+"""Identification of the markers in all images of an instant: poses from triplets, verified in every
+image.
 
 The paper assumes that this is known. Three markers that fit three of the layout give a pose; the
 pose predicts where every marker appears; the pose that explains most of what was found wins. A
@@ -35,7 +36,7 @@ class Hypothesis:
     ----------
     T_world_handle : RigidTransform
         Fitted to the labelled markers.
-    labels : tuple of ndarray of int, one a camera, shape (n_c,)
+    labels : tuple of ndarray of int, one per camera, shape (n_c,)
         For each found marker its index on the handle, or -1.
     cameras : tuple of int
         Those that support the pose, each by two markers or more.
@@ -68,14 +69,14 @@ def identify(
     ----------
     rig : Rig
     handle : Handle
-    found : sequence of array_like, one a camera, shape (n_c, 2)
+    found : sequence of array_like, one per camera, shape (n_c, 2)
         Pixels of the markers found, the best first: beyond `tried_per_marker` times the handle's
         they are not tried.
     parameters : IdentityParameters, optional
-    axes_px : sequence of array_like, one a camera, shape (n_c, 2), optional
+    axes_px : sequence of array_like, one per camera, shape (n_c, 2), optional
         Major and minor axis of each marker's image. They help where one camera sees the handle
         alone.
-    matches : sequence of array_like of int, one a pair of cameras, shape (k, 2), optional
+    matches : sequence of array_like of int, one per pair of cameras, shape (k, 2), optional
         Rows of the markers of both cameras, in the order of `Rig.pairs`, that may be the same
         marker (Eq. 17-18). With them poses are sought by these pairs alone, as in the paper;
         without, by epipolar lines and in single cameras.
@@ -139,7 +140,7 @@ def choose(alternatives: list[RigidTransform], prior: RigidTransform | None) -> 
     Returns
     -------
     index : int
-    sure : bool
+    unambiguous : bool
     """
     reference = RigidTransform.identity() if prior is None else as_transform(prior, "prior")
     if len(alternatives) == 1:
@@ -214,7 +215,7 @@ def _differ(a: RigidTransform, b: RigidTransform, handle: Handle, p: IdentityPar
 def _one_each(
     arrays: Sequence[ArrayLike], name: str, names: Sequence[str], counts: list[int] | None
 ) -> list[Array]:
-    """Check arrays (n_c, 2), one a camera."""
+    """Check arrays (n_c, 2), one per camera."""
     if len(arrays) != len(names):
         raise ValueError(
             f"{name}: expected one for each of {len(names)} cameras, got {len(arrays)}"

@@ -1,4 +1,4 @@
-"""What the search for the handle's pose needs of layout and rig, as arrays, computed once for each.
+"""Arrays of layout and rig for the search for the handle's pose, computed once for each.
 
 The centroid of a wrapped marker is not the image of the marker's centre. To first order in the
 marker's size it is the image of another point, which wanders towards the viewer's side of the

@@ -1,4 +1,4 @@
-"""Which of the handle's hypothetical poses hold, by what they explain, and which of those the
+"""Scores of the handle's hypothetical poses by what they explain, and those among them that the
 images cannot tell apart.
 
 Three markers in one image fix a pose; all further ones are evidence. What is found counts for more
@@ -18,7 +18,7 @@ from .parameters import IdentityParameters
 
 
 class Verdict(NamedTuple):
-    """What is to be said of h poses.
+    """Verdicts on h poses.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ def rivals(best: int, e: Explained, v: Verdict, misfit: Array, p: IdentityParame
 def shape_misfit(
     poses: Poses, labels: np.ndarray, observed: Observed, p: IdentityParameters
 ) -> Array:
-    """How badly the labelled markers' sizes and roundness fit the poses, in variances, shape (h,).
+    """Misfit of the labelled markers' sizes and roundness to the poses, in variances, shape (h,).
 
     The longer axis is the marker's diameter at its distance, the shorter one is foreshortened by
     the slant. Both are known only roughly: blur and motion blur change them. Zero without axes.

@@ -253,9 +253,7 @@ def _frames(triangles: Array) -> Array:
 
 
 def _score(uv: Array, axes: Array | None, names: np.ndarray) -> Array:
-    """How promising triplets (t, 3) are: large ones, of round markers, for these face the
-    camera.
-    """
+    """Scores of triplets (t, 3): high for large ones of round markers, which face the camera."""
     (ax, bx, cx), (ay, by, cy) = uv[:, names].transpose(0, 2, 1)
     area = np.abs((bx - ax) * (cy - ay) - (cx - ax) * (by - ay))
     return area if axes is None else area * (axes[:, 1] / axes[:, 0])[names].prod(axis=1)
@@ -292,13 +290,6 @@ def search(observed: Observed, p: IdentityParameters, work: Work) -> tuple[Poses
     )
 
 
-class _Source(NamedTuple):
-    """Poses to try, one triplet after the other: of two cameras, or of one `camera` alone."""
-
-    camera: int | None
-    seeds: Iterator[Poses]
-
-
 def _tried(
     observed: Observed, p: IdentityParameters, work: Work
 ) -> Iterator[tuple[Poses, Explained]]:
@@ -323,28 +314,28 @@ def _tried(
                 poses = _in_one(poses, camera, observed, p)
             tried = _refined(poses, observed, p)
             yield tried
-            if _settled(tried[1], p):
+            if _beyond_doubt(tried[1], p):
                 return
-            agreed |= camera is None and _settled(tried[1], p, in_spite=True)
+            agreed |= camera is None and _beyond_doubt(tried[1], p, in_spite=True)
     work.cursor = 0
 
 
-def _sources(observed: Observed, p: IdentityParameters) -> list[_Source]:
-    """Pairs of cameras, first those with most in common; then single cameras, first the one that
-    found most, unless there are matches.
+def _sources(observed: Observed, p: IdentityParameters) -> list[tuple[int | None, Iterator[Poses]]]:
+    """Poses to try, one triplet after the other, with the camera or None for a pair: of pairs of
+    cameras, first those with most in common; then of single cameras, first the one that found most,
+    unless there are matches.
 
     Whatever explains all that was found explains any triplet of it: a few triplets are enough.
     """
     points = [candidate_points(observed, pair, p) for pair in range(len(observed.pairs))]
     pairs = sorted(range(len(points)), key=lambda k: -len(np.unique(points[k].names[:, 0])))
-    sources = [
-        _Source(None, pair_seeds(points[k], observed.pairs[k][0], observed, p, tries=2))
-        for k in pairs
+    sources: list[tuple[int | None, Iterator[Poses]]] = [
+        (None, pair_seeds(points[k], observed.pairs[k][0], observed, p, tries=2)) for k in pairs
     ]
     if observed.matches is None:
         count = (observed.uv[:, 0] < FAR).sum(axis=1)
         for camera in np.argsort(-count, kind="stable").tolist():
-            sources.append(_Source(camera, single_seeds(camera, observed, p, tries=3)))
+            sources.append((camera, single_seeds(camera, observed, p, tries=3)))
     return sources
 
 
@@ -387,7 +378,7 @@ def _refined(poses: Poses, observed: Observed, p: IdentityParameters) -> tuple[P
     return poses, explain(poses, observed, p.gate_px, p)
 
 
-def _settled(explained: Explained, p: IdentityParameters, in_spite: bool = False) -> bool:
+def _beyond_doubt(explained: Explained, p: IdentityParameters, in_spite: bool = False) -> bool:
     """Whether one of the poses is beyond doubt: it explains everything, or plenty and no camera
     speaks against it.
 

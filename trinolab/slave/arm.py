@@ -26,7 +26,7 @@ TOOL = "tool"  # the site whose pose is commanded
 
 
 class Limits(NamedTuple):
-    """What no command exceeds: lowest and highest position, rad, speed, rad/s, acceleration,
+    """Limits of every command: lowest and highest position, rad, speed, rad/s, acceleration,
     rad/s^2; each (n,).
     """
 
@@ -79,7 +79,8 @@ def load_robot(
         or servo, limits the wrong way round, no site ``tool``, a home beyond the limits; or the
         extra is missing.
     """
-    model = _read(_shipped(str(robot)) if _is_name(robot) else Path(robot))
+    is_name = isinstance(robot, str) and not robot.endswith(".xml") and "/" not in robot
+    model = _read(_shipped(str(robot)) if is_name else Path(robot))
     joints = tuple(model.joint(k).name for k in range(model.njnt))
     _check(model, joints, str(robot))
     n = len(joints)
@@ -89,7 +90,8 @@ def load_robot(
         _positive(speed_rad_s, "speed_rad_s", n),
         _positive(acceleration_rad_s2, "acceleration_rad_s2", n),
     )
-    home = np.array(model.key("home").qpos) if _has_home(model) else np.zeros(n)
+    has_home = any(model.key(k).name == "home" for k in range(model.nkey))
+    home = np.array(model.key("home").qpos) if has_home else np.zeros(n)
     if not ((limits.low <= home) & (home <= limits.high)).all():
         raise ValueError(f"{robot}: its home is beyond the limits of a joint")
     return Robot(model, joints, limits, frozen(home))
@@ -170,20 +172,12 @@ def _check(model: Any, joints: tuple[str, ...], where: str) -> None:
         raise ValueError(f"{where}: it has no site {TOOL!r}")
 
 
-def _has_home(model: Any) -> bool:
-    return any(model.key(k).name == "home" for k in range(model.nkey))
-
-
 def _shipped(name: str) -> Path:
     """The file of a shipped arm. Raises ValueError, which lists them, if there is none of that name."""
     names = sorted(path.stem for path in data_path("robots").glob("*.xml"))
     if name not in names:
         raise ValueError(f"{name}: no such file, and no shipped arm ({', '.join(names)})")
     return data_path("robots", f"{name}.xml")
-
-
-def _is_name(robot: str | Path) -> bool:
-    return isinstance(robot, str) and not robot.endswith(".xml") and "/" not in robot
 
 
 def _positive(value: ArrayLike, name: str, n: int) -> Array:
@@ -198,7 +192,7 @@ def _positive(value: ArrayLike, name: str, n: int) -> Array:
 
 
 class Reading(NamedTuple):
-    """What is measured at the arm.
+    """Measurements at the arm.
 
     Attributes
     ----------
@@ -276,7 +270,7 @@ class Slave:
         return self.read()
 
     def read(self) -> Reading:
-        """What is measured now."""
+        """The present measurements."""
         d = self._data
         return Reading(
             float(d.time),

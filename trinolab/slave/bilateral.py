@@ -58,9 +58,9 @@ class Teleoperator:
 
 
 class Run(NamedTuple):
-    """What happened: times, s; where master and slave are, m; the forces of the channel on either,
-    N, towards the surroundings on the slave and away from them on the master; the energy, J, that
-    both have put into the channel. Shape (n,) each.
+    """A simulated run: times, s; positions of master and slave, m; the forces of the channel on
+    either, N, towards the surroundings on the slave and away from them on the master; the energy,
+    J, that both have put into the channel. Shape (n,) each.
     """
 
     t_s: Array

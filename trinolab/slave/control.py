@@ -1,4 +1,4 @@
-"""From commanded poses to joint commands: the tool's reference, and joints that follow within their
+"""Joint commands from commanded poses: the tool's reference, and joints that follow within their
 limits.
 
 The reference goes after commanded poses no faster, and with no more acceleration, than a tool
@@ -33,7 +33,7 @@ CATCH_UP_MM_S2, CATCH_UP_RAD_S2 = 1500.0, 3.0
 
 @dataclass(frozen=True)
 class ReferenceParameters:
-    """How a reference may move.
+    """Limits and gains of a reference's motion.
 
     Attributes
     ----------
@@ -250,8 +250,8 @@ def _bounds_of(n: int) -> Any:
 def _goal(
     now: RigidTransform, before: RigidTransform, after: RigidTransform, dt: float
 ) -> RigidTransform:
-    """Where the tool should be after a tick: moved as the reference moves, and a part of what it
-    was off.
+    """The tool's goal after a tick: moved as the reference moves, and a part of its error
+    corrected.
     """
     off = motion_between(before, now)
     closed = np.concatenate(

@@ -1,5 +1,4 @@
-"""From the handle's pose to the tool's: the movement mapping of a leader and a follower (Sect. 2,
-3.1).
+"""The movement mapping of a leader and a follower: the handle's pose to the tool's (Sect. 2, 3.1).
 
 While the clutch is closed, the tool moves from where it was when it was closed as the handle moves
 from where it was, scaled, and turned so that the operator sees in the surveillance camera's picture
@@ -32,7 +31,7 @@ BACKWARDS = "time went backwards"
 
 @dataclass(frozen=True)
 class MappingParameters:
-    """How the handle's motion becomes the tool's.
+    """Parameters of the mapping from the handle's motion to the tool's.
 
     Attributes
     ----------
@@ -106,14 +105,14 @@ class Sample(NamedTuple):
 
 
 class Origin(NamedTuple):
-    """Where handle (world) and tool (base) were when the clutch was closed, mm, each (3,)."""
+    """Positions of handle (world) and tool (base) when the clutch was closed, mm, each (3,)."""
 
     handle: Array
     tool: Array
 
 
 class State(NamedTuple):
-    """What the mapping remembers.
+    """The mapping's state.
 
     Attributes
     ----------
@@ -178,7 +177,7 @@ def step(state: State, sample: Sample, parameters: MappingParameters | None = No
 
 
 def _wrong(state: State, sample: Sample, p: MappingParameters) -> str:
-    """What is wrong with a sample; empty if it can be used."""
+    """The fault of a sample; empty if it can be used."""
     T = sample.T_world_handle
     if not state.t_s < sample.t_s < np.inf:  # nor NaN
         return BACKWARDS

@@ -80,7 +80,7 @@ def step(
 
 
 def lag_s(speed: float, cutoff_hz: float, slope: float) -> float:
-    """How far the filter is behind a steady motion, s: the time constant 1 / (2 pi f) of its
+    """The lag of the filter behind a steady motion, s: the time constant 1 / (2 pi f) of its
     low-pass at that speed.
     """
     return 1 / (2 * np.pi * (cutoff_hz + slope * speed))

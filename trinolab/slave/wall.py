@@ -169,7 +169,7 @@ def passive_limit(loop: Loop) -> float:
 
 
 def _difference(loop: Loop, omega: Array) -> Complex:
-    """What the backward difference makes of a depth of frequency omega, 1/s."""
+    """The frequency response of the backward difference at omega, 1/s."""
     s = 1j * omega
     return np.asarray(
         -np.expm1(-s * loop.period_s) / loop.period_s if loop.period_s else s, dtype=np.complex128

@@ -215,7 +215,7 @@ def cones_of_rig(rig: Rig) -> tuple[Cone, ...]:
     Returns
     -------
     tuple of Cone
-        In the world frame, one a camera.
+        In the world frame, one per camera.
 
     Raises
     ------

@@ -225,7 +225,7 @@ def _moments(vertices: Array) -> Array:
 
 
 def _beyond(cone: Cone, points: Array) -> tuple[Array, Array]:
-    """How far points are beyond the nearest tangent plane of a cone (negative inside), and that
+    """Distances of points beyond the nearest tangent plane of a cone (negative inside), and that
     plane's angle.
     """
     x = points - cone.apex

@@ -60,8 +60,8 @@ class Workspace:
 
 @dataclass(frozen=True, eq=False)
 class Polyhedron:
-    """What all cameras of a rig see: `status` as in `Workspace`, corners (k, 3) in mm, triangles
-    (m, 3), mm^3.
+    """The common field of view of all cameras of a rig: `status` as in `Workspace`, corners (k, 3)
+    in mm, triangles (m, 3), mm^3.
     """
 
     status: str
@@ -137,7 +137,7 @@ def surface_mesh(cones: Sequence[Cone], centre: Array, n: int = 4000) -> tuple[A
         raise ValueError(f"centre: expected a point inside all cones, got {centre.tolist()}")
     if not np.isfinite(distance).all():
         raise ValueError("cones: expected a bounded intersection, got one without an end")
-    return centre + distance[:, None] * directions, _triangles(directions)
+    return centre + distance[:, None] * directions, _outward(directions, ConvexHull(directions))
 
 
 def mesh_volume(vertices: Array, triangles: np.ndarray) -> float:
@@ -175,7 +175,9 @@ def view_volume(rig: Rig, farthest_mm: float | None = None) -> Polyhedron:
         return Polyhedron("empty", np.empty((0, 3)), np.empty((0, 3), dtype=int), 0.0)
     if np.abs(p).max() > FARTHEST / 10:
         return Polyhedron("unbounded", np.empty((0, 3)), np.empty((0, 3), dtype=int), np.inf)
-    return _polyhedron(HalfspaceIntersection(planes, scale * p).intersections)
+    points = HalfspaceIntersection(planes, scale * p).intersections
+    hull = ConvexHull(points)
+    return Polyhedron("bounded", frozen(points), frozen(_outward(points, hull)), float(hull.volume))
 
 
 def _pyramid(camera: Camera) -> Array:
@@ -195,11 +197,6 @@ def _end(camera: Camera, depth_mm: float) -> Array:
     return np.append(camera.axis, -camera.axis @ camera.centre - depth_mm)[None]
 
 
-def _polyhedron(points: Array) -> Polyhedron:
-    hull = ConvexHull(points)
-    return Polyhedron("bounded", frozen(points), frozen(_outward(points, hull)), float(hull.volume))
-
-
 def _outward(points: Array, hull: ConvexHull) -> np.ndarray:
     """The hull's triangles with their corners counter-clockwise seen from outside."""
     triangles = hull.simplices.copy()
@@ -215,10 +212,6 @@ def _spread(n: int) -> Array:
     z = 1 - 2 * k / n
     turn = np.pi * (1 + np.sqrt(5)) * k
     return np.column_stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
-
-
-def _triangles(directions: Array) -> np.ndarray:
-    return _outward(directions, ConvexHull(directions))
 
 
 def _without_extent(cones: tuple[Cone, ...], status: str) -> Workspace:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial.transform import RigidTransform
 
-from trinolab.bench.recordings import scripted
+from trinolab.bench.rendering import scripted
 from trinolab.bench.scenario import Job, seen_markers
 from trinolab.camera import Rig
 from trinolab.checks import Array

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from trinolab.checks import as_whole
-from trinolab.files.kept import fingerprint
+from trinolab.files.journal import fingerprint
 from trinolab.files.outputs import check_targets, write_together
 from trinolab.files.poses import read_poses
 from trinolab.files.recording import find_footage, open_folder
@@ -27,7 +27,7 @@ from .setup import Field, field_of
 from .sheet import NUMBERS, PAGE, TABLE, Sheet, contents, glance, interval_text, value_text
 from .size import POSES, check_chart
 from .tracks import Track, as_track, track_of_table
-from .work import RENDERED, TESTS, Found, Kept, Part, Source, do, setup_of
+from .work import RENDERED, TESTS, Checkpoint, Found, Part, Source, do, setup_of
 
 KEPT = "measured.jsonl"
 WORKERS = 2
@@ -100,7 +100,7 @@ def accept(
         check_targets([chart])
         if Path(chart).exists():
             history.read_history(chart)  # a wrong one is refused before anything is computed
-    with Kept(folder / KEPT, made_from(source)) as kept_work:
+    with Checkpoint(folder / KEPT, made_from(source)) as kept_work:
         try:
             if recordings:
                 answers, left_out = _recorded(
@@ -143,7 +143,7 @@ def made_from(source: Source) -> str:
 
 
 def _rendered(
-    source: Source, kept: Kept, workers: int, progress: bool
+    source: Source, kept: Checkpoint, workers: int, progress: bool
 ) -> tuple[dict[str, Answer], dict[str, str]]:
     """All tests on images of the bench."""
     setup = setup_of(source)
@@ -176,7 +176,7 @@ def _noise(jitter: tuple[float, float] | None, source: str) -> Noise:
 def _lead_arm(
     source: Source,
     noise: Noise,
-    kept: Kept,
+    kept: Checkpoint,
     workers: int,
     progress: bool,
     answers: dict[str, Answer],
@@ -196,7 +196,7 @@ def _recorded(
     source: Source,
     recordings: Sequence[str | Path],
     folder: Path,
-    kept: Kept,
+    kept: Checkpoint,
     workers: int,
     progress: bool,
 ) -> tuple[dict[str, Answer], dict[str, str]]:
@@ -239,7 +239,7 @@ def _add(answers: dict[str, Answer], name: str, more: Answer) -> None:
     answer.notes += more.notes
 
 
-def _track(source: Source, path: str | Path, out: Path, kept: Kept, progress: bool) -> Track:
+def _track(source: Source, path: str | Path, out: Path, kept: Checkpoint, progress: bool) -> Track:
     """The poses of a recording folder: those that are kept, or tracked now."""
     files = [source.rig, source.handle]
     key = f"recording {fingerprint(files, find_footage(path, read_rig(source.rig)))}"

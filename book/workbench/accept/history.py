@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from trinolab.files.inputs import read_csv
-from trinolab.files.kept import locked
+from trinolab.files.journal import locked
 from trinolab.files.outputs import write_whole
 
 from ..plotting.datasheet import as_png, plot_control_chart

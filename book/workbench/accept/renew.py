@@ -24,7 +24,7 @@ from ..provenance import commit
 from .command import WORKERS, made_from
 from .numbers import Answer
 from .sheet import plain_row
-from .work import RENDERED, TESTS, Kept, Part, Source, do, setup_of
+from .work import RENDERED, TESTS, Checkpoint, Part, Source, do, setup_of
 
 KEPT = Path("_build/renewed.jsonl")
 
@@ -34,7 +34,7 @@ def measured_again(source: Source, name: str, kept: Path, workers: int) -> Answe
     setup = setup_of(source)
     parts = [Part(name, k) for k in range(TESTS[name].parts(setup))]
     kept.parent.mkdir(parents=True, exist_ok=True)
-    with Kept(kept, made_from(source)) as lines:
+    with Checkpoint(kept, made_from(source)) as lines:
         done = do(source, parts, lines, workers, True, name)
     return TESTS[name].judge(setup, [done[part.key].rows for part in parts])
 

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import cv2
 from tqdm import tqdm
 
-from trinolab.files.kept import KeptLines
+from trinolab.files.journal import Journal
 from trinolab.files.rigs import read_handle, read_rig
 
 from ..sweep.engines import as_finished, processes
@@ -76,7 +76,7 @@ def measured(source: Source, part: Part) -> Found:
     return Found(rows, time.process_time() - begin)
 
 
-class Kept(KeptLines):
+class Checkpoint(Journal):
     """Finished parts, a line each."""
 
     def __init__(self, path: Path, made_from: str) -> None:
@@ -103,7 +103,7 @@ def _read(line: str) -> tuple[str, Found] | None:
 
 
 def do(
-    source: Source, parts: Sequence[Part], kept: Kept, workers: int, progress: bool, what: str
+    source: Source, parts: Sequence[Part], kept: Checkpoint, workers: int, progress: bool, what: str
 ) -> Mapping[str, Found]:
     """Do what is not kept yet, and return what all parts gave, by their keys."""
     answers = kept.found()

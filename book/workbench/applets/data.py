@@ -109,7 +109,7 @@ def pairs(ncc_threshold: float) -> dict[str, Any]:
     believed to be a little other than it is, so that the lines lie beside their markers.
     """
     from trinolab import matching
-    from trinolab.bench.recordings import scripted
+    from trinolab.bench.rendering import scripted
     from trinolab.bench.scenario import take
     from trinolab.camera import epipolar_lines
     from trinolab.datasets import load_handle, load_rig
@@ -139,7 +139,8 @@ def pairs(ncc_threshold: float) -> dict[str, Any]:
         left, right = believed.cameras[0], believed.cameras[2]
         views = (left, right, images[0], images[2], uv[0], uv[2])
         D = matching.epipolar_distances(left, right, uv[0], uv[2])
-        named = measure(images, told, handle, parameters=Parameters(matching=settings)).labels
+        p = Parameters(matching=settings, estimator="paper")
+        named = measure(images, told, handle, parameters=p).labels
         found = {
             "nearest line": match_rivals.by_line(
                 match_rivals.Spots(D, np.zeros_like(D)), PAIRS_GATE_PX
@@ -177,7 +178,7 @@ def threshold(difference_threshold: float) -> dict[str, Any]:
     """Frames of a recording and their background, both coarse, with the truth of what moves in them,
     and the thresholds that two rules choose.
     """
-    from trinolab.bench.recordings import scripted
+    from trinolab.bench.rendering import scripted
     from trinolab.bench.scenario import empty, take
     from trinolab.datasets import load_handle, load_rig
 

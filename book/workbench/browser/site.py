@@ -27,7 +27,7 @@ from typing import Any
 
 import pandas as pd
 
-from trinolab.bench.recordings import standard_recording
+from trinolab.bench.rendering import standard_recording
 
 from ..pages.build import BUILD, HTML, RECORDED_S, RECORDINGS, ROOT, chapters
 from ..sweep.notebook import read_notebook

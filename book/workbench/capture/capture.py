@@ -23,8 +23,8 @@ import numpy as np
 
 from trinolab.camera import Rig
 from trinolab.checks import Array, as_number, frozen
-from trinolab.files import recorder
-from trinolab.files.kept import locked
+from trinolab.files import recording_writer
+from trinolab.files.journal import locked
 from trinolab.files.rigs import read_handle, read_rig
 from trinolab.handle import Handle
 
@@ -110,7 +110,7 @@ def capture(
     if fps is not None:
         as_number(fps, "fps", 0.0, 1000.0, open_low=True)
     sizes = _sizes(cameras, the_rig, size)
-    partial = recorder.partial_of(out)
+    partial = recording_writer.partial_of(out)
     if partial.exists():
         raise _unfinished(partial)
     sources: list[Source] = []
@@ -207,10 +207,10 @@ class Writer:
                         self.error = error
 
     def _write(self, taken: Taken, pool: ThreadPoolExecutor) -> None:
-        paths = recorder.image_paths(self._partial, self._names, len(self.written))
+        paths = recording_writer.image_paths(self._partial, self._names, len(self.written))
         fast = self._queue.qsize() > QUEUE // 4
         tasks = [
-            pool.submit(recorder.write_image, image, path, fast)
+            pool.submit(recording_writer.write_image, image, path, fast)
             for image, path in zip(taken.images, paths, strict=True)
         ]
         wait(tasks)
@@ -223,7 +223,7 @@ class Writer:
         self.written.append(taken._replace(images=[]))
         if self._preview and taken.t_s >= self._shown_s + PREVIEW_S:
             self._shown_s = taken.t_s
-            recorder.write_image(side_by_side(taken.images), self._partial / PREVIEW)
+            recording_writer.write_image(side_by_side(taken.images), self._partial / PREVIEW)
 
 
 def side_by_side(images: Sequence[np.ndarray], width: int = PREVIEW_WIDTH) -> np.ndarray:
@@ -246,7 +246,7 @@ def _sizes(
     """The size of each camera where it is known, in the rig's order."""
     if not cameras:
         raise ValueError("cameras: expected one or more, got none")
-    recorder.check_names(cameras)
+    recording_writer.check_names(cameras)
     indices = [what for what in cameras.values() if what.isdecimal()]
     if len(set(map(int, indices))) < len(indices):
         raise ValueError(
@@ -254,7 +254,7 @@ def _sizes(
         )
     if rig is None:
         return dict.fromkeys(cameras, size)
-    recorder.check_cameras(cameras, rig, "this camera of the rig is not named")
+    recording_writer.check_cameras(cameras, rig, "this camera of the rig is not named")
     return {camera.name: camera.size for camera in rig.cameras}
 
 
@@ -269,7 +269,7 @@ def new_folder(
     ------
     ValueError
         If the folder is there, perhaps because another process has made it meanwhile, or cannot be
-        written; see `recorder.begin` also.
+        written; see `recording_writer.begin` also.
     """
     try:
         partial.mkdir()
@@ -279,7 +279,7 @@ def new_folder(
         raise ValueError(f"{partial}: cannot be written ({error.strerror})") from None
     with locked(partial):
         try:
-            recorder.begin(out, rig, handle)
+            recording_writer.begin(out, rig, handle)
         except ValueError:
             shutil.rmtree(partial, ignore_errors=True)
             raise
@@ -351,7 +351,7 @@ def _concluded(
         raise ValueError(str(error or "nothing was taken"))
     times = np.array([taken.t_s for taken in writer.written])
     try:
-        recorder.finish(out, list(times - times[0]))
+        recording_writer.finish(out, list(times - times[0]))
     except ValueError as last:
         raise ValueError(
             f"{error or last}; the images of {len(times)} instants are in {partial}"

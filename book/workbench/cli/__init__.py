@@ -30,7 +30,7 @@ from .arguments import parser
 if TYPE_CHECKING:
     import pandas as pd
 
-    from trinolab.bench.recordings import Kept
+    from trinolab.bench.rendering import CachedRecording
     from trinolab.files.recording import Recording
 
     from ..teleop.teleoperate import Done
@@ -454,7 +454,7 @@ def _list_cameras() -> int:
 
 
 def _render(a: argparse.Namespace) -> int:
-    from trinolab.bench.recordings import render
+    from trinolab.bench.rendering import render
 
     try:
         truth = render(a.rig, a.handle, a.motion, a.out, a.seed, a.seconds, a.fps)
@@ -639,10 +639,10 @@ def _sweep(a: argparse.Namespace) -> int:
 
 
 def _clear(a: argparse.Namespace) -> int:
-    from trinolab.bench.recordings import clear_recordings, kept_recordings, recordings_folder
+    from trinolab.bench.rendering import cached_recordings, clear_recordings, recordings_folder
 
     folder = recordings_folder()
-    recordings = kept_recordings()
+    recordings = cached_recordings()
     if not recordings:
         say(f"no standard recording is kept in {folder}")
         return 0
@@ -671,11 +671,11 @@ def _clear(a: argparse.Namespace) -> int:
     return 0
 
 
-def _megabytes(kept: Sequence[Kept]) -> str:
+def _megabytes(kept: Sequence[CachedRecording]) -> str:
     return f"{sum(one.size for one in kept) / 1e6:.0f} MB"
 
 
-def _line(kept: Kept) -> str:
+def _line(kept: CachedRecording) -> str:
     when = datetime.fromtimestamp(kept.written_s).strftime("%Y-%m-%d %H:%M")
     return f"  {_megabytes([kept]):>7}  {when}  {kept.name}"
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import pandas as pd
 from tqdm import tqdm
 
-from trinolab.files.kept import KeptLines
+from trinolab.files.journal import Journal
 from trinolab.files.outputs import check_target, write_whole
 
 from ..provenance import code_hash
@@ -307,7 +307,7 @@ def check_class(folder: Path, out: Path) -> pd.DataFrame:
         raise ValueError(f"{folder}: no folder in it has a file like 04_kalman.ipynb")
     code = json.dumps({"code": [code_hash(name) for name in _judges()]})
     now = []
-    with KeptLines(folder / KEPT, code + "\n", is_line) as lines:
+    with Journal(folder / KEPT, code + "\n", is_line) as lines:
         done = {_key_of(line): line for line in map(json.loads, lines.lines())}
         for submission in tqdm(submissions, unit="file", disable=None):
             line = _line_of(submission, done)

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from trinolab.files.images import unheard
-from trinolab.files.kept import locked
+from trinolab.files.journal import locked
 
 CUT_OFF = "cannot be written as a whole (is the disk full?)"
 

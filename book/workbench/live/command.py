@@ -29,7 +29,7 @@ from ..teleop.session import Session
 from . import sources
 from .loop import NO_FRAME_S, SILENCE_S, Loop
 from .pointing import Pointing
-from .recording import Recorder
+from .recorder import Recorder
 from .sources import Source
 
 TICK_S = 0.008  # from one command to the arm to the next: 125 a second, as a UR5 takes them

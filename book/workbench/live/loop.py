@@ -29,7 +29,7 @@ from ..teleop.session import TOUCHED_N, Moment, Now, Session, changes
 from . import settings
 from .demonstration import NAME, Demonstration, Seen
 from .pointing import Doing, Pointing
-from .recording import Recorder
+from .recorder import Recorder
 from .settings import PAPER, POSE, Values
 from .solids import arm_points, body_poses
 from .sources import Latest, Source

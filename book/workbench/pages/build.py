@@ -207,7 +207,7 @@ def recordings_of(path: Path) -> list[str]:
 
 def run_recording(name: str) -> int:
     """Render a recording, if it is not there."""
-    from trinolab.bench.recordings import standard_recording
+    from trinolab.bench.rendering import standard_recording
 
     from ..teleop import task
 

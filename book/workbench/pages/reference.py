@@ -69,7 +69,7 @@ TOP = {
     ),
     "pose": (
         "From points to the pose",
-        ["triangulation", "pose", "parameters", "methods", "measurement", "tracker", "single"],
+        ["triangulation", "pose", "parameters", "methods", "measurement", "tracker"],
     ),
 }
 NOT_SHOWN = ("__main__", "browser", "data", "pages")

@@ -137,7 +137,7 @@ def plot_elevation(table: pd.DataFrame, estimator: str) -> Figure:
     Parameters
     ----------
     table : pandas.DataFrame
-        As `elevation.sweep_elevation` gives it. The shipped rigs' elevations are marked.
+        ``data/sweeps/elevation.csv``. The shipped rigs' elevations are marked.
     estimator : str
         Whose kept poses are shown.
 
@@ -183,7 +183,7 @@ def plot_calibration_error(table: pd.DataFrame, handle: str, limit_mm: float) ->
     Parameters
     ----------
     table : pandas.DataFrame
-        As `calibration_error.make_table` gives it; what is changed are principal points and
+        ``data/sweeps/calibration_error.csv``; what is changed are principal points and
         directions. The exact rig stands at the left edge.
     handle : str
         Whose rows are shown.

@@ -21,9 +21,9 @@ from tqdm import tqdm
 from trinolab.camera import Camera, Rig, RigCovariance
 from trinolab.checks import Array
 from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.files.kept import locked
+from trinolab.files.journal import locked
 from trinolab.files.poses import truth_table
-from trinolab.files.recorder import add, begin, claim, finish, image_paths, partial_of
+from trinolab.files.recording_writer import add, begin, claim, finish, image_paths, partial_of
 from trinolab.handle import Handle, slants
 
 from ..provenance import code_hash, hash_function

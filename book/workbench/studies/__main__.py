@@ -12,10 +12,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from trinolab.checks import as_whole
 from trinolab.files.outputs import check_targets, write_table
+
+from .carrier import make_tables, script
 
 
 @dataclass(frozen=True)
@@ -26,140 +29,119 @@ class Study:
     ----------
     what : str
         What it makes, for who asks for help.
-    make : str
-        The function of its module that makes the tables, called with the options by their names; it
-        returns one table, or one for each of `tables` in their order.
-    tables : tuple of str
-        The names of their files.
+    tables : tuple of str, optional
+        The names of their files, if it is not one of the study's name.
     counts : mapping of str to (int, str)
         Options that are whole numbers: default, and what they count.
     names : tuple of str
         An option that takes some of the study's parts: its name on the command line, its metavar.
-    kept : tuple of str
-        The folder in which finished work is kept, and what that is.
+    kept : str, optional
+        The folder below ``_build`` in which finished work is kept; empty for the study's own name.
     workers : bool
         Whether processes share the work.
     out : str
         The folder of the tables.
-    writes : bool
-        Whether `make` is given `out`, and writes each table itself as soon as it is whole.
+    make : str
+        The function of its module that makes them, called with the options by their names; it
+        returns one table, or one for each of `tables` in their order, or None. Without it the
+        module's `TABLES` are made, see `carrier.Table`.
     """
 
     what: str
-    make: str = "make_table"
-    tables: tuple[str, ...] = ()
+    tables: tuple[str, ...] | None = None
     counts: Mapping[str, tuple[int, str]] = field(default_factory=dict)
     names: tuple[str, str] | None = None
-    kept: tuple[str, str] | None = None
-    workers: bool = False
+    kept: str | None = ""
+    workers: bool = True
     out: str = "data/sweeps"
-    writes: bool = False
+    make: str = ""
 
 
 STUDIES = {
-    "bound": Study(
-        "the Cramer-Rao bound at Table 1's poses, for every shipped rig: bound.csv",
-        "sweep_bounds",
-        ("bound",),
-    ),
+    "bound": Study("the Cramer-Rao bound at Table 1's poses, for every shipped rig: bound.csv"),
     "budget": Study(
         "the error budget of Table 1: budget.csv, mixes.csv, patterns.csv, smooth.csv",
-        "make_tables",
         ("budget", "mixes", "patterns", "smooth"),
         counts={"draws": (5, "tables of rendered frames")},
+        kept=None,
+        workers=False,
+        make="make_tables",
     ),
     "claims": Study(
         "the trials of the protocol: claims_results.csv, claims_draws.csv",
-        "make_tables_in",
         ("claims_results", "claims_draws"),
         names=("names", "TRIAL"),
-        kept=("_build/claims", "finished draws"),
+        workers=False,
         out="data",
-        writes=True,
+        make="make_tables",
     ),
     "drawn_rigs": Study(
         "rig files that are off, before the frames of two renderers: drawn_rigs.csv",
-        tables=("drawn_rigs",),
         counts={"draws": (4, "rig files of each size and pose")},
-        kept=("_build/second", "the recordings and finished instants"),
-        workers=True,
+        kept="second",
+        make="make_table",
     ),
-    "elevation": Study(
-        "CCD3's elevation from 10 to 90 deg: elevation.csv", "sweep_elevation", ("elevation",)
-    ),
+    "elevation": Study("CCD3's elevation from 10 to 90 deg: elevation.csv"),
     "calibration_error": Study(
         "what a rig file that is off costs a pose: calibration_error.csv",
-        tables=("calibration_error",),
         counts={"draws": (40, "rigs drawn a level")},
-        kept=("_build/calibration_error", "finished draws"),
-        workers=True,
     ),
     "factors": Study(
         "the four factors of Sect. 6.5, a table each",
-        "make_tables",
         ("distortion", "distance", "marker_size", "speed", "turn"),
         counts={"seeds": (1, "draws of the noise")},
         names=("--factor", "FACTOR"),
-        writes=True,
     ),
-    "fitts": Study(
-        "a pointing task by simulated operators, by scale and delay: fitts.csv", tables=("fitts",)
-    ),
+    "fitts": Study("a pointing task by simulated operators, by scale and delay: fitts.csv"),
     "gallery": Study(
         "the sweep gallery, a table each",
-        "make_tables",
+        (),
         names=("names", "SWEEP"),
-        kept=("_build/sweeps", "finished runs"),
-        workers=True,
+        kept="sweeps",
         out="data/sweeps/gallery",
-        writes=True,
     ),
     "match_rivals": Study(
         "rules that pair spots, with calibrations that are right and off: match_rivals.csv",
-        tables=("match_rivals",),
         counts={"draws": (12, "pairs of recordings")},
-        kept=("_build/match_rivals", "finished draws"),
     ),
     "instant_times": Study(
         "what an instant of a track takes, by SimpleBlobDetector's time: instant_times.csv, "
         "instant_films.csv",
-        "make_tables",
         ("instant_times", "instant_films"),
         counts={"instants": (10_000, "of all films together")},
-        kept=("_build/instant_times", "finished films"),
-        workers=True,
+        make="make_tables",
     ),
     "second_renderer": Study(
         "the estimators on path-traced frames: second_renderer.csv",
-        tables=("second_renderer",),
-        kept=("_build/second", "the recordings"),
+        kept="second",
+        workers=False,
+        make="make_table",
     ),
     "sensitivity": Study(
         "the headline numbers with other assumptions: sensitivity.csv",
-        tables=("sensitivity",),
         counts={"draws": (2, "of the noise, a pose")},
-        kept=("_build/sensitivity", "finished instants"),
         out="data",
+        make="make_table",
     ),
     "stress": Study(
         "the bench broken, one thing at a time, with rig files as they are and with silent ones: "
         "stress.csv, stress_silent.csv",
-        "make_tables",
         ("stress", "stress_silent"),
         counts={"instants": (40, "of each fault and handle")},
-        kept=("_build/stress", "finished blocks"),
-        workers=True,
+        make="make_tables",
     ),
-    "webcams": Study(
-        "three webcams and a printed rod, by its size: webcams.csv", tables=("webcams",)
-    ),
+    "webcams": Study("three webcams and a printed rod, by its size: webcams.csv"),
     "tuning": Study(
         "the most likely parameters of the filters of image and pose; prints them",
-        "print_most_likely",
+        (),
+        kept=None,
+        workers=False,
+        out="",
+        make="print_most_likely",
     ),
 }
 # A study -> the tables that it makes, but for the gallery's, which are in a folder of their own.
-MAKES = {name: study.tables for name, study in STUDIES.items() if study.tables}
+MAKES = {name: study.tables or (name,) for name, study in STUDIES.items() if study.tables != ()}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -189,7 +171,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="study", required=True, metavar="NAME")
     for name, study in STUDIES.items():
         command = commands.add_parser(name, help=study.what, description=study.what)
-        if study.tables or study.writes:
+        if study.out:
             about = "of the tables (%(default)s)"
             command.add_argument("--out", default=study.out, metavar="FOLDER", help=about)
         for count, (default, what) in study.counts.items():
@@ -199,11 +181,14 @@ def _parser() -> argparse.ArgumentParser:
             option, metavar = study.names
             many = "+" if option.startswith("-") else "*"
             about = "some of them; all without it"
-            command.add_argument(option, nargs=many, metavar=metavar, default=[], help=about)
+            known: dict[str, Any] = {"dest": "names"} if option.startswith("-") else {}
+            command.add_argument(
+                option, nargs=many, metavar=metavar, default=[], help=about, **known
+            )
         if study.kept is not None:
-            folder, what = study.kept
-            about = f"for {what}; a command that was stopped goes on with them (%(default)s)"
-            command.add_argument("--kept", type=Path, default=folder, metavar="FOLDER", help=about)
+            about = "for finished work; a command that was stopped goes on with it (%(default)s)"
+            kept = f"_build/{study.kept or name}"
+            command.add_argument("--kept", type=Path, default=kept, metavar="FOLDER", help=about)
         if study.workers:
             cores = os.cpu_count() or 1
             about = "processes (one a core)"
@@ -220,20 +205,29 @@ def run(arguments: argparse.Namespace) -> None:
     options = {name: value for name, value in vars(arguments).items() if name != "study"}
     for count in {*study.counts, "workers"} & set(options):
         as_whole(options[count], f"--{count}", low=1)
-    module = import_module(f".{arguments.study}", __package__)
     if options.pop("hashes", False):
-        module.print_hashes()
-        return
-    make = getattr(module, study.make)
-    if study.writes:
-        make(**options | {"out": Path(options["out"])})
+        script("claims").print_hashes()
         return
     folder = Path(options.pop("out", ""))
-    paths = [folder / f"{name}.csv" for name in study.tables]
+    if not study.make:
+        for count in study.counts:
+            options["draws"] = options.pop(count)
+        make_tables(script(arguments.study).TABLES, folder, **options)
+        return
+    paths = [folder / f"{name}.csv" for name in MAKES.get(arguments.study, ())]
     check_targets(paths)
-    tables: Any = make(**options)
-    for table, path in zip([tables] if len(paths) == 1 else tables or (), paths, strict=True):
+    if arguments.study == "claims":  # rows of trials that are not run stay
+        options["before"] = paths
+    made: Any = getattr(_module(arguments.study), study.make)(**options)
+    for table, path in zip([made] if len(paths) == 1 else made or (), paths, strict=True):
         write_table(table, path)
+
+
+def _module(study: str) -> ModuleType:
+    """Where a study's function is: beside this file, or in ``data/tables``."""
+    if (Path(__file__).parent / f"{study}.py").is_file():
+        return import_module(f".{study}", __package__)
+    return script(study)
 
 
 if __name__ == "__main__":

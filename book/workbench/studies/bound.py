@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import pandas as pd
 from scipy.integrate import quad
 from scipy.spatial.transform import RigidTransform, Rotation
 from tqdm import tqdm
@@ -292,27 +291,6 @@ def table1_bounds(rig: str, pixels: str = "markers", known_greys: bool = True) -
         )
         for row in tqdm(range(len(load_table1().set_poses)), leave=False, unit="pose", disable=None)
     ]
-
-
-def sweep_bounds() -> pd.DataFrame:
-    """A row for each rig, choice of `pixels` and `row` of Table 1: `mean_mm`, `mean_deg`, `rms_mm`,
-    `rms_deg`.
-    """
-    bounds = {
-        (rig, pixels): table1_bounds(rig, pixels) for rig in RIGS for pixels in SHIPPED_PIXELS
-    }
-    return pd.DataFrame(
-        [
-            {
-                "rig": rig,
-                "pixels": pixels,
-                "row": row,
-                **{name: getattr(b, name) for name in COLUMNS},
-            }
-            for (rig, pixels), bounds_of_rows in bounds.items()
-            for row, b in enumerate(bounds_of_rows, start=1)
-        ]
-    )
 
 
 @cache

@@ -19,7 +19,7 @@ from trinolab.background import BackgroundParameters
 from trinolab.bench.hand import Arm, true_visibility
 from trinolab.bench.motion import smooth_motion
 from trinolab.bench.optics import Bench
-from trinolab.bench.recordings import scripted
+from trinolab.bench.rendering import scripted
 from trinolab.bench.scenario import take
 from trinolab.bench.scene import render, render_clip, render_rig
 from trinolab.camera import Camera, Rig
@@ -56,7 +56,7 @@ from .claim_trials import (
     share_of_image,
     true_labels,
 )
-from .replication import measure_frames, replication_errors, shared_poses
+from .replication import EVERY, measure_frames, replication_errors, shared_poses
 from .simulated_calibration import Board, calibration_errors, simulated_calibration
 
 Draw = dict[str, tuple[float, float]]
@@ -130,7 +130,7 @@ def random_pose(k: int, seed: int) -> Draw:
     rng = np.random.default_rng([seed, k])
     truth = next(shared_poses(rig, handle, rng))
     images = render_rig(rig, handle, truth, Bench(), rng)
-    m = measure(images, rig, handle)
+    m = measure(images, rig, handle, parameters=EVERY["paper"])
     left, right, pairs, same = _matched(images, m, truth, rig, handle)
     both = np.logical_and(*(true_visibility(camera, handle, truth) for camera in rig.cameras))
     matched = np.isin(np.flatnonzero(both), left[pairs[same, 0]])
@@ -168,7 +168,7 @@ def recorded_instant(k: int, seed: int) -> Draw:
     truth = job.shots[frame].T_world_handle
     assert truth is not None  # chosen so
     images = [take(job, frame, index) for index in range(len(rig.cameras))]
-    m = measure(images, rig, handle)
+    m = measure(images, rig, handle, parameters=EVERY["paper"])
     left, right, pairs, same = _matched(images, m, truth, rig, handle)
     return {
         "recorded_wrong_matches": (float((~same).sum()), float(len(pairs))),
@@ -188,7 +188,8 @@ def hidden_camera(k: int, seed: int) -> Draw:
         rig = load_rig(name)
         x, y, z = rig.cameras[0].centre
         arm = Arm(hides_from=(float(x), float(y), float(z)))
-        m = measure(render_rig(rig, handle, truth, Bench(), rng, arm), rig, handle)
+        images = render_rig(rig, handle, truth, Bench(), rng, arm)
+        m = measure(images, rig, handle, parameters=EVERY["paper"])
         draw[f"share_saved_{name}"] = (share_close([m], [truth], handle, equivalents=True), 1.0)
     return draw
 
@@ -343,7 +344,8 @@ def rendered_mean(k: int, seed: int) -> Draw:
     rng = np.random.default_rng([seed, k])
     truth = next(shared_poses(rig, handle, rng))
     # the truth tells the look-alikes apart
-    m = measure(render_rig(rig, handle, truth, Bench(), rng), rig, handle, truth)
+    images = render_rig(rig, handle, truth, Bench(), rng)
+    m = measure(images, rig, handle, truth, EVERY["paper"])
     markers = len(handle.marker_centres)
     uv = labelled_pixels(m.labels, tuple(found.uv for found in m.found), markers)
     steepest = Parameters().max_slant_deg
@@ -556,7 +558,7 @@ def _wrong_identities(m: Measurement, left: np.ndarray, right: np.ndarray) -> tu
 def position_error(setup: factors.Setup, k: int, rng: np.random.Generator) -> float | None:
     """Of one pose of a setup, mm; None if it is lost."""
     frames = factors.frames(setup, k, rng)
-    m = measure(frames, setup.rig, setup.handle)
+    m = measure(frames, setup.rig, setup.handle, parameters=EVERY["paper"])
     errors = errors_of(m, setup.poses[k], setup.handle)
     return None if errors is None else float(errors.E_t_mm)
 

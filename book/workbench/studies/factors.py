@@ -1,36 +1,29 @@
 """The four factors that Sect. 6.5 names, each swept on Table 1's poses: rendered, measured,
-compared.
+compared. ``data/tables/factors.py`` makes the tables.
 
-    python -m workbench.studies factors --out data/sweeps [--factor speed ...] [--seeds 1]
-
-makes the tables of ``data/sweeps`` again. Everything but the one factor is that of the standard
-scene. A cell is drawn from its own generator, so that it can be computed alone, and every method
-measures the same frames.
+Everything but the one factor is that of the standard scene. A cell is drawn from its own generator, so
+that it can be computed alone, and every method measures the same frames.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-import pandas as pd
 from scipy.spatial.transform import RigidTransform
-from tqdm import tqdm
 
 from trinolab.bench.optics import Bench, blurred, digitise
 from trinolab.bench.scene import exposed
 from trinolab.camera import Rig
-from trinolab.checks import Array, as_number, as_whole
-from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.files.outputs import check_targets, write_table
+from trinolab.checks import Array
+from trinolab.datasets import load_table1
 from trinolab.handle import Handle
 from trinolab.measurement import Measurement
 from trinolab.parameters import Parameters
 
-from .replication import PAPER, measure_frames, replication_errors
+from .replication import measure_frames, replication_errors
 
 MEAN_DISTANCE_MM = 570.0  # of Table 1's positions from the middle of CCD1 and CCD2
 
@@ -151,91 +144,12 @@ FACTORS = {
 }
 
 
-def cell(
-    name: str,
-    value: float,
-    seed: int,
-    rig: Rig,
-    handle: Handle,
-    methods: Mapping[str, Parameters] = PAPER,
-) -> list[dict[str, float | int | str]]:
-    """One value of one factor: a row of its table for each method, all from the same frames.
-
-    Parameters
-    ----------
-    name : str
-        Of `FACTORS`.
-    value : float
-    seed : int
-        Of the noise.
-    rig : Rig
-    handle : Handle
-    methods : mapping
-        From a name to the parameters of the measurement.
-
-    Raises
-    ------
-    ValueError
-        For an unknown factor, or a value that makes no rig or handle.
-    """
-    if name not in FACTORS:
-        raise ValueError(f"name: expected one of {', '.join(FACTORS)}, got {name!r}")
-    factor = FACTORS[name]
-    rng = np.random.default_rng(as_whole(seed, "seed", low=0))
-    setup = factor.change(table1_setup(rig, handle), as_number(value, factor.column))
-    start = {factor.column: value, "seed": seed}
-    return [
-        {**start, "method": method, **errors_of(measurements, setup)}
-        for method, measurements in measured(setup, methods, rng).items()
-    ]
-
-
 def measured(
     setup: Setup, methods: Mapping[str, Parameters], rng: np.random.Generator
 ) -> dict[str, list[Measurement]]:
     """What each method measures in the same frames, a measurement a pose; `rng` draws the noise."""
     taken = (frames(setup, k, rng) for k in range(len(setup.poses)))
     return measure_frames(taken, setup.rig, setup.handle, methods)
-
-
-def sweep_factor(
-    name: str, seeds: int = 1, methods: Mapping[str, Parameters] = PAPER
-) -> pd.DataFrame:
-    """All values of a factor under `seeds` draws of the noise, by CCD1 and CCD2 on the paper's
-    handle; with progress.
-
-    Returns
-    -------
-    pandas.DataFrame
-        Columns: the parameter, seed, method, poses (rendered), n (measured), then `ERRORS`.
-    """
-    rig = load_rig("paper_pair")
-    handle = load_handle("paper")
-    cells = [(value, seed) for value in FACTORS[name].values for seed in range(seeds)]
-    return pd.DataFrame(
-        [
-            row
-            for value, seed in tqdm(cells, desc=name, unit="cell", disable=None)
-            for row in cell(name, value, seed, rig, handle, methods)
-        ]
-    )
-
-
-def make_tables(out: Path, factor: Sequence[str], seeds: int) -> None:
-    """Write the tables of some factors, or of all, each as soon as it is whole.
-
-    Raises
-    ------
-    ValueError
-        For an unknown factor, or a file that cannot be written.
-    """
-    names = factor or list(FACTORS)
-    if unknown := [name for name in names if name not in FACTORS]:
-        raise ValueError(f"factor: expected one of {', '.join(FACTORS)}, got {unknown[0]!r}")
-    paths = [out / f"{name}.csv" for name in names]
-    check_targets(paths)
-    for name, path in zip(names, paths, strict=True):
-        write_table(sweep_factor(name, seeds), path)
 
 
 def frames(setup: Setup, k: int, rng: np.random.Generator) -> list[np.ndarray]:

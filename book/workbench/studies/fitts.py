@@ -1,11 +1,5 @@
 """A pointing task under delay: how fast and how accurate two models of an operator are, by scale and
-delay.
-
-    python -m workbench.studies fitts
-
-makes ``fitts.csv`` again: nine targets (40, 80, 160 mm away, 5, 10, 20 mm wide, at the tool), ten
-times each, by twenty operators, which are twenty seeds. `one_operator` is a run of it, for
-`workbench.sweep`.
+delay. ``data/tables/fitts.py`` makes the table; `one_operator` is a run of it, for `workbench.sweep`.
 """
 
 from __future__ import annotations
@@ -15,12 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from tqdm import tqdm
 
-from ..intervals import Interval, of_share, of_student
+from ..intervals import Interval, of_student
 from ..teleop.operators import STRATEGIES, Person, point
-from ..teleop.pointing import DISTANCES_MM, WIDTHS_MM, conditions, difficulty, performance
-from .carrier import columns_of_mean
+from ..teleop.pointing import conditions, difficulty, performance
 
 SCALES = (1.0, 2.0, 3.0, 4.0)
 DELAYS_S = (0.0, 0.075, 0.15, 0.225, 0.3)
@@ -78,34 +70,6 @@ def one_operator(
     person = Person(delay_s=own_delay_s, miss=miss, crossover=crossover)
     results = performance(_log(strategy, scale, delay_s, seed, repeats, person))
     return {name: value for name, value in results._asdict().items() if name != "n"}
-
-
-def make_table(seeds: int = SEEDS) -> pd.DataFrame:
-    """A row a strategy, scale and delay, with the means over so many operators.
-
-    Columns: `strategy`, `scale`, `delay_s`, `seeds`, `trials`; `throughput_bit_s`, `movement_s`
-    and `moves` with `_low` and `_high` of their 95 % interval (Student's t over the operators);
-    `error_share` with its own (Wilson, over all trials).
-    """
-    cells = tqdm(list(product(STRATEGIES, SCALES, DELAYS_S)), unit="cell", disable=None)
-    return pd.DataFrame([cell(name, scale, delay_s, seeds) for name, scale, delay_s in cells])
-
-
-def cell(strategy: str, scale: float, delay_s: float, seeds: int) -> dict[str, float | str]:
-    runs = pd.DataFrame([one_operator(strategy, scale, delay_s, seed) for seed in range(seeds)])
-    trials = seeds * REPEATS * len(DISTANCES_MM) * len(WIDTHS_MM)
-    row: dict[str, float | str] = {
-        "strategy": strategy,
-        "scale": scale,
-        "delay_s": delay_s,
-        "seeds": seeds,
-        "trials": trials,
-    }
-    for name in ("throughput_bit_s", "movement_s", "moves"):
-        row |= columns_of_mean(name, runs[name], of_student(runs[name]))
-    share = float(runs["error_share"].mean())
-    sure = of_share(round(share * trials), trials)
-    return row | {"error_share": share, "error_share_low": sure.low, "error_share_high": sure.high}
 
 
 def lag_models(

@@ -1,4 +1,5 @@
-"""The sweep gallery: which sweeps it has, what each runs at one setting, and its tables made again.
+"""The sweep gallery: which sweeps it has, and what each runs at one setting. ``data/tables/gallery.py``
+makes its tables.
 
 Each sweep is a function of this module, or a chapter, at the settings of a grid as `trinolab sweep`
 takes it.
@@ -7,12 +8,9 @@ takes it.
 from __future__ import annotations
 
 import shlex
-import shutil
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,15 +22,12 @@ from trinolab.bench.optics import Bench
 from trinolab.camera import Camera, Rig
 from trinolab.checks import Array, as_number, as_whole
 from trinolab.datasets import load_handle, load_sweep, load_table1, paper_rig
-from trinolab.files.outputs import check_targets, write_table
 from trinolab.kalman import KalmanParameters
 from trinolab.parameters import Parameters
 from trinolab.window import Window
 
 from ..sweep.grid import parse, runs
-from ..sweep.outcome import LAST_COLUMNS
 from . import markertrack
-from .carrier import all_runs
 from .factors import Setup, at_distance, errors_of, measured, table1_setup, with_markers
 from .ground_truth import Recorded, Regions, held, moving, read_recording, watch
 
@@ -336,60 +331,7 @@ def load(name: str) -> pd.DataFrame:
     return table
 
 
-def make(name: str, workers: int = 1, kept: Path | None = None) -> pd.DataFrame:
-    """Do a sweep, and return its table as `load` gives it.
-
-    Parameters
-    ----------
-    name : str
-        Of `GALLERY`.
-    workers : int
-        Processes.
-    kept : path, optional
-        Folder that keeps finished runs, see `runs.sweep`.
-
-    Raises
-    ------
-    ValueError
-        For an unknown name; if a run fails.
-    """
-    exhibit = _exhibit(name)
-    rows = settings(name)
-    grid = {key: list(dict.fromkeys(row[key] for row in rows)) for key in rows[0]}
-    table = all_runs(name, exhibit.what, grid, kept, workers)
-    results = exhibit.results or [
-        column for column in table if column not in (*grid, *LAST_COLUMNS)
-    ]
-    return table[[*grid, *results]]
-
-
 def _exhibit(name: str) -> Exhibit:
     if name not in GALLERY:
         raise ValueError(f"name: expected one of {', '.join(GALLERY)}, got {name!r}")
     return GALLERY[name]
-
-
-def make_tables(names: Sequence[str], workers: int, out: Path, kept: Path) -> None:
-    """Write the tables of some sweeps, or of all: at the end, since data that change make finished
-    runs stale.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Of `GALLERY`; all of them if it is empty.
-    workers : int
-        Processes.
-    out, kept : Path
-        Folders of the tables and of the finished runs, with which a call that was stopped goes on.
-    """
-    names = list(dict.fromkeys(names)) or list(GALLERY)
-    for name in names:
-        _exhibit(name)
-    check_targets(paths := [out / f"{name}.csv" for name in names])
-    tables = []
-    for name in names:
-        print(name, file=sys.stderr)
-        tables.append(make(name, workers, kept / name))
-    for name, path, table in zip(names, paths, tables, strict=True):
-        write_table(table, path)
-        shutil.rmtree(kept / name)

@@ -19,7 +19,7 @@ from trinolab import background
 from trinolab.background import BackgroundParameters, Detection, step
 from trinolab.bench.hand import true_visibility
 from trinolab.bench.layer import over
-from trinolab.bench.recordings import scripted, standard_recording
+from trinolab.bench.rendering import scripted, standard_recording
 from trinolab.bench.scenario import Job
 from trinolab.bench.scene import scaled, smeared
 from trinolab.camera import Camera, Rig

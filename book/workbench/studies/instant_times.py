@@ -46,7 +46,7 @@ from trinolab.checks import Array, as_whole
 from trinolab.datasets import load_handle, load_real_sets, load_rig, load_sweep
 from trinolab.estimators.pixels import prepare
 from trinolab.files.fetch import why_not
-from trinolab.files.kept import KeptLines
+from trinolab.files.journal import Journal
 from trinolab.following import posetracker
 from trinolab.following.parameters import FollowParameters
 from trinolab.handle import Handle
@@ -372,7 +372,7 @@ def make_tables(instants: int, workers: int, kept: Path) -> tuple[pd.DataFrame, 
     kept.mkdir(parents=True, exist_ok=True)
     head = json.dumps({"code": code_hash(__name__)})
     chosen = films(instants)
-    with KeptLines(kept / "films.jsonl", f"{head}\n", lambda _, line: line.endswith("]")) as lines:
+    with Journal(kept / "films.jsonl", f"{head}\n", lambda _, line: line.endswith("]")) as lines:
         tables = {Film(*film): pd.DataFrame(rows) for film, rows in map(json.loads, lines.lines())}
         left = [film for film in chosen if film not in tables]
         for film, table in each_followed(left, BEST, workers):

@@ -115,7 +115,9 @@ def measure_frames(
     for k, images in enumerate(frames):
         prior = None if priors is None else priors[k]
         for name, parameters in methods.items():
-            measurements[name].append(measure(images, rig, handle, prior, parameters))
+            measurements[name].append(
+                measure(images, rig, handle, prior, parameters.with_default("paper"))
+            )
     return measurements
 
 

@@ -27,7 +27,7 @@ from trinolab.datasets import load_handle, load_real_sets, load_rig
 from trinolab.files.fetch import why_not
 from trinolab.following.posefilter import FADING_S, PoseFilterParameters, transition
 from trinolab.handle import Handle, slants
-from trinolab.image_track import draw, nees, run, track
+from trinolab.image_track import draw, nees, run
 from trinolab.kalman import (
     MIN_DT_S,
     KalmanParameters,
@@ -358,34 +358,6 @@ def model_nees(
         states = run(State(start.mean, np.asarray(believed)), z, F, Q, H, R).updated
         values.append(_nees_of_four(states, truth[:, :4]))
     return np.mean(values, axis=0)
-
-
-def person_nees(
-    camera: Camera,
-    p: KalmanParameters,
-    seeds: Sequence[int],
-    rng: np.random.Generator,
-    seconds: float = 10.0,
-) -> float:
-    """Mean NEES of position and velocity, four numbers, where a camera sees the origin of a
-    person's handle with noise.
-
-    The noise is as large as the filter believes, so that only the motion can be other than its
-    model. The velocity is the true one, over 2 ms; the first second is left out.
-    """
-    values = []
-    for seed in seeds:
-        times = np.arange(round(seconds * FPS)) / FPS
-        before, now, after = (
-            camera.project(
-                human_motion(np.random.default_rng(seed), times + SETTLED_S + step).translation
-            )
-            for step in (-1e-3, 0.0, 1e-3)
-        )
-        states = track(times, now + rng.normal(0.0, p.sigma_px, now.shape), p, gated=False).updated
-        truth = np.hstack([now, (after - before) / 2e-3])
-        values.append(_nees_of_four(states, truth)[round(FPS) :])
-    return float(np.mean(values))
 
 
 def handheld_poses(every: int = 3) -> tuple[Array, RigidTransform] | None:

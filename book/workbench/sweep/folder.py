@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from trinolab.files.inputs import read_csv, read_json
-from trinolab.files.kept import KeptLines, locked
+from trinolab.files.journal import Journal, locked
 from trinolab.files.outputs import write_together, write_whole
 
 from .outcome import Outcome
@@ -57,7 +57,7 @@ class SweepFolder:
 
     The runs of the same sweep interrupted are taken up, unless what they were made from has
     changed: then they are dropped, and that is said. A line that was cut off is dropped as well,
-    see `KeptLines`.
+    see `Journal`.
 
     Parameters
     ----------
@@ -134,9 +134,9 @@ class SweepFolder:
             }
         )
 
-    def _kept_lines(self) -> KeptLines:
+    def _kept_lines(self) -> Journal:
         """The lines of the finished runs."""
-        return KeptLines(
+        return Journal(
             self.path / RUNS, "", lambda _, line: _read_line(line, self._runs) is not None
         )
 

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.bench.motion import motion_at
-from trinolab.bench.recordings import PARTIAL, kept_folder, made_from, write_recording
+from trinolab.bench.rendering import PARTIAL, cached_folder, made_from, write_recording
 from trinolab.bench.scenario import Job, following
 from trinolab.camera import Camera, Rig
 from trinolab.checks import Array, as_whole
@@ -159,7 +159,7 @@ def recording(seed: int = 0, progress: bool = True) -> Path:
     """
     to_do = job(seed)
     manifest = made_from(to_do, "task")
-    return kept_folder(
+    return cached_folder(
         f"task-{seed}", manifest, lambda folder: write_recording(to_do, folder, manifest, progress)
     )
 
@@ -212,7 +212,7 @@ def performed(seed: int = 0) -> Path:
         perform(partial, seed, "paper", progress=False)
         partial.rename(folder)
 
-    return kept_folder(f"session-{seed}", manifest, make)
+    return cached_folder(f"session-{seed}", manifest, make)
 
 
 def _surveillance() -> Camera:

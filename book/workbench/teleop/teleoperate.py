@@ -16,13 +16,13 @@ import pandas as pd
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
 
-from trinolab.bench.recordings import scripted
+from trinolab.bench.rendering import scripted
 from trinolab.bench.scenario import take
 from trinolab.camera import Camera, Rig
 from trinolab.checks import Array, as_whole
 from trinolab.datasets import data_path
 from trinolab.files.inputs import read_csv
-from trinolab.files.kept import locked
+from trinolab.files.journal import locked
 from trinolab.files.outputs import write_together
 from trinolab.files.poses import pose_table, poses_text
 from trinolab.files.recording import Frames, instants, open_folder

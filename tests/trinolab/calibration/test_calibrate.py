@@ -21,11 +21,11 @@ from trinolab.calibration.calibrate import as_lines, calibrate_rig
 from trinolab.calibration.hints import hint, larger
 from trinolab.calibration.outliers import calibrate_robustly, too_few
 from trinolab.calibration.target import (
-    Look,
+    Appearance,
     Target,
+    appearances,
+    detect_target,
     find_target,
-    looks,
-    sight_target,
     upright_corners,
 )
 from trinolab.camera import Camera, Rig
@@ -213,7 +213,7 @@ def test_printed_targets_give_the_truth(target, tmp_path, monkeypatch):
     assert result.found.rms_px < 0.12
 
 
-@pytest.mark.parametrize("look", looks(CHARUCO), ids=str)
+@pytest.mark.parametrize("look", appearances(CHARUCO), ids=str)
 @pytest.mark.parametrize("target", [CHESSBOARD, CIRCLES, CHARUCO], ids=str)
 def test_targets_in_light_on_dark_and_in_a_mirror(target, look, frames):
     if target is CHESSBOARD:
@@ -227,10 +227,10 @@ def test_targets_in_light_on_dark_and_in_a_mirror(target, look, frames):
     if look.mirrored:
         taken = np.ascontiguousarray(taken[:, ::-1])
         expected[:, 0] = SIZE[0] - 1 - expected[:, 0]
-    seen = sight_target(taken, target, looks(target))
-    assert seen.look.inverted == look.inverted
+    seen = detect_target(taken, target, appearances(target))
+    assert seen.appearance.inverted == look.inverted
     if target is CHARUCO:
-        assert seen.look.mirrored == look.mirrored
+        assert seen.appearance.mirrored == look.mirrored
         np.testing.assert_allclose(seen.uv, expected, rtol=0, atol=0.02)  # px
     else:
         # what looks the same in a mirror is counted from another corner
@@ -243,7 +243,7 @@ def test_targets_in_light_on_dark_and_in_a_mirror(target, look, frames):
 def test_a_chessboard_is_counted_from_one_corner_whether_or_not_it_is_inverted(frames):
     """Views of one board have one order, be they found in the image or in its negative."""
     for image in frames[0][:3]:
-        inverted = sight_target(255 - image, CHESSBOARD, [Look(inverted=True)]).uv
+        inverted = detect_target(255 - image, CHESSBOARD, [Appearance(inverted=True)]).uv
         np.testing.assert_allclose(inverted[::-1], find_target(image, CHESSBOARD), atol=1e-9)
 
 
@@ -285,12 +285,12 @@ def test_a_board_in_light_on_dark_between_two_cameras_that_face_each_other(
 
 
 def test_only_one_print_is_looked_for_when_it_is_sure():
-    counts = Counter({Look(inverted=True): views.SURE})
+    counts = Counter({Appearance(inverted=True): views.SURE})
     every = views._likeliest(CHARUCO, Counter(), Counter())
-    assert every == list(looks(CHARUCO))
-    assert views._likeliest(CHARUCO, Counter({Look(True, True): 1}), counts) == [
-        Look(True, True),
-        Look(True, False),
+    assert every == list(appearances(CHARUCO))
+    assert views._likeliest(CHARUCO, Counter({Appearance(True, True): 1}), counts) == [
+        Appearance(True, True),
+        Appearance(True, False),
     ]
     assert len(views._likeliest(CHESSBOARD, Counter(), counts)) == 2
 
@@ -655,7 +655,7 @@ def test_views_that_say_too_little_name_the_cameras(folder):
 @pytest.mark.parametrize(
     "place",
     [
-        (views, "sight_target"),
+        (views, "detect_target"),
         (calibrate, "calibrate_robustly"),
         (errors, "plot_residuals"),
         (outputs.os, "replace"),

@@ -82,8 +82,8 @@ def test_the_camera_that_mirrors_is_flipped(target, mirrored, flipped):
     )
     assert not result.seen.mirrored.any()
     # two cameras and no markers: either may be the one
-    assert result.sure == (len(mirrored) == 3 or target is CHARUCO)
-    assert ("writing reads backwards" in result.line) == (not result.sure)
+    assert result.unambiguous == (len(mirrored) == 3 or target is CHARUCO)
+    assert ("writing reads backwards" in result.line) == (not result.unambiguous)
 
 
 @pytest.mark.parametrize("target", [CHESSBOARD, TWO_WAYS, CHARUCO], ids=str)
@@ -95,7 +95,7 @@ def test_cameras_that_agree_are_left_as_they_are(target, mirrored):
 def test_markers_tell_which_cameras_mirror_even_if_they_are_more():
     result = unmirrored(views_of(CHARUCO, (True, False, True)), CHARUCO)
     assert result.cameras == ("a", "c")
-    assert result.sure
+    assert result.unambiguous
 
 
 def test_too_few_views_say_nothing():

@@ -22,13 +22,13 @@ FOLDERS = {"a": "a", "b": "b"}
 @pytest.fixture
 def looked_at(tmp_path, monkeypatch):
     """The images in which a target is looked for."""
-    images, sight = [], views.sight_target
+    images, sight = [], views.detect_target
 
     def counted(image, *others):
         images.append(image)
         return sight(image, *others)
 
-    monkeypatch.setattr(views, "sight_target", counted)
+    monkeypatch.setattr(views, "detect_target", counted)
     monkeypatch.chdir(tmp_path)
     return images
 

@@ -13,7 +13,7 @@ from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.appearance import Views, shading_basis
 from trinolab.estimators.imagemodel import MotionBlur, first_state
 from trinolab.estimators.movingmodel import kernels_of, linearise_moving, smeared
-from trinolab.estimators.patches import Grid, Seen, cut, moving_patches
+from trinolab.estimators.patches import Grid, MarkerViews, cut, moving_patches
 from trinolab.estimators.pixels import both_in_world, moved
 from trinolab.rigid import shifted
 
@@ -166,7 +166,7 @@ def test_a_cell_is_the_mean_of_its_pixels_and_valid_if_none_is_saturated(cell):
     rng = np.random.default_rng(0)
     images = [rng.integers(0, 256, camera.size[::-1], dtype=np.uint8) for camera in RIG.cameras]
     views, points = Views(np.array([0]), np.array([3])), HANDLE.marker_centres[[3]]
-    seen = Seen(np.full((3, 12, 2), [400.0, 300.0]), np.zeros((3, 12)), np.ones((3, 12)))
+    seen = MarkerViews(np.full((3, 12, 2), [400.0, 300.0]), np.zeros((3, 12)), np.ones((3, 12)))
     here = cut(images, RIG, seen, views, points, Grid((rows, columns), cell))
     left, top = here.at.corner[0]
     for v in range(rows):

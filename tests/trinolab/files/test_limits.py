@@ -12,7 +12,7 @@ import pytest
 from trinolab.camera import RigCovariance
 from trinolab.files import limits
 from trinolab.files.inputs import read_csv, read_toml
-from trinolab.files.kept import KeptLines, sole_writer
+from trinolab.files.journal import Journal, sole_writer
 from trinolab.files.rigs import covariance_text
 
 GREY = np.arange(48, dtype=np.uint8).reshape(6, 8)
@@ -129,11 +129,11 @@ def test_a_table_has_so_many_lines_columns_and_cells(tmp_path, text, said):
 
 
 def test_rows_that_are_kept_are_no_longer_than_a_table(tmp_path, monkeypatch):
-    with KeptLines(tmp_path / "rows", "head\n", lambda *_: True) as rows:
+    with Journal(tmp_path / "rows", "head\n", lambda *_: True) as rows:
         rows.add_line("x" * 100)
     monkeypatch.setattr(limits, "TABLE_BYTES", 50)
     with pytest.raises(ValueError, match=r"rows: 0\.0 MiB, expected at most 0"):
-        KeptLines(tmp_path / "rows", "head\n", lambda *_: True)
+        Journal(tmp_path / "rows", "head\n", lambda *_: True)
 
 
 # --- images

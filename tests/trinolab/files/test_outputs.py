@@ -14,7 +14,7 @@ from trinolab.files.outputs import (
     write_together,
     write_whole,
 )
-from trinolab.files.recorder import partial_of
+from trinolab.files.recording_writer import partial_of
 from workbench.bags import write_bag
 
 

@@ -20,7 +20,7 @@ from trinolab.files.poses import (
 from trinolab.metrics import euler_deg
 from trinolab.pose import LOST, Pose
 
-# book/design.md, "Poses", typed once more
+# the columns that book/notation.md lists, typed once more
 COLUMNS = [
     "frame",
     "t_s",

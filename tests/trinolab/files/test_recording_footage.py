@@ -10,7 +10,7 @@ import pytest
 
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
-from trinolab.files import recorder
+from trinolab.files import recording_writer
 from trinolab.files.images import read_grey
 from trinolab.files.recording import (
     find_footage,
@@ -43,12 +43,12 @@ def images():
 
 @pytest.fixture
 def folder(tmp_path, rig, images):
-    partial = recorder.begin(
+    partial = recording_writer.begin(
         tmp_path / "r", rig, load_handle("coded"), dict(zip(rig.names, images[0], strict=True))
     )
     for k, instant in enumerate(images):
-        recorder.add(partial, rig, k, instant)
-    recorder.finish(tmp_path / "r", np.arange(5) / 25)
+        recording_writer.add(partial, rig, k, instant)
+    recording_writer.finish(tmp_path / "r", np.arange(5) / 25)
     return tmp_path / "r"
 
 
@@ -97,7 +97,7 @@ def test_a_folder_opens_with_another_rig_and_without_timestamps(tmp_path, folder
 @pytest.mark.parametrize("fast", [False, True])
 def test_written_images_are_whole_and_exact(tmp_path, images, fast):
     image = images[0, 0, :, :31]  # rows that are not contiguous
-    recorder.write_image(image, tmp_path / "x.png", fast)
+    recording_writer.write_image(image, tmp_path / "x.png", fast)
     back = cv2.imread(str(tmp_path / "x.png"), cv2.IMREAD_UNCHANGED)
     assert (back.dtype, back.shape) == (np.uint8, (24, 31))
     np.testing.assert_array_equal(back, image)
@@ -235,16 +235,16 @@ def test_too_few_timestamps_are_named(tmp_path, folder, rig, images):
 
 def test_a_recording_is_not_written_over(folder, rig):
     with pytest.raises(ValueError, match="exists already"):
-        recorder.begin(folder, rig)
+        recording_writer.begin(folder, rig)
 
 
 def test_a_recording_that_was_not_begun_gets_no_name(tmp_path):
     with pytest.raises(ValueError, match=r"r: cannot be written \(No such file"):
-        recorder.give_name(tmp_path / "r")
+        recording_writer.give_name(tmp_path / "r")
 
 
 def test_an_image_that_cannot_be_written_leaves_none_half_written(tmp_path):
     (tmp_path / "a.png").mkdir()
     with pytest.raises(ValueError, match=r"a\.png: cannot be written"):
-        recorder.write_image(np.zeros((3, 4), np.uint8), tmp_path / "a.png")
+        recording_writer.write_image(np.zeros((3, 4), np.uint8), tmp_path / "a.png")
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]

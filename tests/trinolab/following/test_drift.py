@@ -16,13 +16,13 @@ from trinolab.camera import Rig, RigCovariance
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import predict_centroids
-from trinolab.files import recorder
+from trinolab.files import recording_writer
 from trinolab.files.poses import transforms, truth_table
 from trinolab.following import track
 from trinolab.following.drift import Series, find_drift, image_offsets
 from trinolab.following.parameters import FollowParameters
 from trinolab.following.posetracker import Tracked
-from trinolab.following.track import Watched, track_folder
+from trinolab.following.track import DriftMonitor, track_folder
 from trinolab.handle import slants
 from trinolab.identity.parameters import IdentityParameters
 from trinolab.measurement import Measurement
@@ -164,7 +164,7 @@ def test_a_track_says_which_camera_and_when():
     poses = moving(rng)
     after = turned(rig, 1)
     uv = np.concatenate([seen(rig, poses[:WHEN], rng), seen(after, poses[WHEN:], rng)])
-    watched = Watched(rig, CODED, FollowParameters())
+    watched = DriftMonitor(rig, CODED, FollowParameters())
     for k, T in enumerate(poses):
         pose = Pose("measured", T, np.eye(6), 0.1, 6, 3)
         found = tuple(SimpleNamespace(uv=pixels) for pixels in uv[k])
@@ -182,7 +182,7 @@ def test_a_track_says_which_camera_and_when():
 
 def test_long_tracks_are_watched_at_fewer_instants(monkeypatch):
     monkeypatch.setattr(track, "MOST_INSTANTS", 10)
-    watched = Watched(load_rig("paper_pair"), CODED, FollowParameters())
+    watched = DriftMonitor(load_rig("paper_pair"), CODED, FollowParameters())
     nothing = (np.full(12, -1),) * 2
     found = (SimpleNamespace(uv=np.zeros((12, 2))),) * 2
     pose = Pose("measured", moving(np.random.default_rng(0))[0], np.eye(6), 0.1, 6, 2)
@@ -208,11 +208,11 @@ def test_a_rendered_recording_with_a_camera_that_turns(name, known, tmp_path, ca
         [0.0] * 2 + [0.1] * 2 + [0.0] * 5 + [np.deg2rad(0.005)] * 3 + [0.0] * 3, last + 1
     )
     covariance = RigCovariance(rig.names, np.diag(sigma**2)) if known else None
-    partial = recorder.begin(folder, replace(rig, covariance=covariance), CODED)
+    partial = recording_writer.begin(folder, replace(rig, covariance=covariance), CODED)
     for k, T in enumerate(poses):
         there = rig if k < half else turned(rig, last)
-        recorder.add(partial, rig, k, render_rig(there, CODED, T, Bench(), rng))
-    recorder.finish(folder, np.arange(len(poses)) / 12.5, truth_table(poses))
+        recording_writer.add(partial, rig, k, render_rig(there, CODED, T, Bench(), rng))
+    recording_writer.finish(folder, np.arange(len(poses)) / 12.5, truth_table(poses))
     with caplog.at_level("INFO", logger="trinolab"):
         table = track_folder(folder, tmp_path / "p.csv", progress=False)
     (line,) = [message for message in caplog.messages if "turned by" in message]

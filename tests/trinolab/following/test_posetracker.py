@@ -20,7 +20,7 @@ from trinolab.estimators.pixels import fit_patches
 from trinolab.files.recording import Frames
 from trinolab.following import look as look_module
 from trinolab.following import posefilter, posetracker
-from trinolab.following.look import Guess, expect, follow, look
+from trinolab.following.look import Guess, Setup, expect, follow, look
 from trinolab.following.parameters import FollowParameters
 from trinolab.following.posefilter import PoseFilterParameters
 from trinolab.pose import LOST
@@ -117,7 +117,8 @@ def test_a_predicted_pose_is_reported_with_the_windows_that_it_predicts(with_a_g
     for k in range(4):
         state, _ = posetracker.step(state, frames[k], k / FPS, RIG, CODED, p)
     motion = posefilter.predict(state.motion, 4 / FPS, p.motion)
-    wanted = look(frames[4], expect(RIG, CODED, motion, p), RIG, CODED, p)
+    setup = Setup(RIG, CODED, p)
+    wanted = look(frames[4], expect(setup, motion), setup)
     one = posetracker.step(state, frames[4], 4 / FPS, RIG, CODED, p)[1]
     assert one.measurement.pose.status == "predicted"
     assert one.windows == tuple(sight.window for sight in wanted)
@@ -251,8 +252,9 @@ def test_smeared_markers_leave_a_rig_as_sharp_ones_have_seen_it(smeared):
     silent = replace(RIG, covariance=None)
     motion = posefilter.begin(0.0, FIRST, np.diag([0.1] * 3 + [1e-4] * 3), BEST.motion)
     rates = np.concatenate([velocity, np.zeros(6)])
-    guess = Guess(motion._replace(rates=rates), expect(silent, CODED, motion, BEST), smeared)
-    followed = follow(frames, guess, silent, CODED, BEST)
+    setup = Setup(silent, CODED, BEST)
+    guess = Guess(motion._replace(rates=rates), expect(setup, motion), smeared)
+    followed = follow(frames, guess, setup)
     assert followed.pose.status == "measured"
     assert not apart(followed.pose.T_world_handle, FIRST, 0.5, np.deg2rad(0.5))
 
@@ -347,14 +349,14 @@ def test_a_fit_whose_work_is_spent_gives_its_pose_so_far():
     expected = (0.01 * velocity, np.diag(np.repeat([1.0, 0.01], 3) ** 2))
     whole = Work(1e3)
     ends = fit_patches(frames, RIG, CODED, start, motion_blur=expected, work=whole)
-    used = 1e3 - whole.left
+    used = 1e3 - whole.remaining
     cut = fit_patches(frames, RIG, CODED, start, motion_blur=expected, work=Work(0.6 * used))
     assert np.trace(cut.covariance) > np.trace(ends.covariance)
     away = motion_between(cut.T_world_handle, FIRST)
     assert away @ np.linalg.solve(cut.covariance, away) < 25.0  # chi-square of six, 99.97 %
     none = Work(1.0)
     assert fit_patches(frames, RIG, CODED, start, motion_blur=expected, work=none) is None
-    assert none.left == 1.0
+    assert none.remaining == 1.0
 
 
 @pytest.mark.parametrize(
@@ -412,7 +414,7 @@ def test_an_instant_begins_no_guess_without_its_work(share, most, monkeypatch):
     guesses = []
 
     def in_vain(*arguments):
-        arguments[-1].left -= share * BEST.most_work
+        arguments[-1].remaining -= share * BEST.most_work
         guesses.append(look_module.follow(*arguments[:-1])._replace(pose=LOST))
         return guesses[-1]
 
@@ -472,7 +474,7 @@ def test_a_sequence_is_step_after_step_and_known_poses_count_until_it_is_sure(mo
     def step(state, images, t_s, *_):
         assert state.t_s < t_s
         begun.append(state.motion and state.motion.pose)
-        return posetracker.TrackState(t_s, None, None, sure=len(begun) == 3), images
+        return posetracker.TrackState(t_s, None, None, unambiguous=len(begun) == 3), images
 
     monkeypatch.setattr(posetracker, "step", step)
     first, second, late = (RigidTransform.from_translation([0.0, 0.0, z]) for z in (500, 510, 520))

@@ -32,8 +32,8 @@ from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig, displaced
 from trinolab.datasets import load_handle, load_rig
-from trinolab.files import recorder
-from trinolab.files.kept import locked
+from trinolab.files import recording_writer
+from trinolab.files.journal import locked
 from trinolab.files.poses import truth_table
 from trinolab.files.rigs import read_handle, read_rig, write_handle
 from trinolab.following import centres
@@ -87,10 +87,10 @@ def recorded(tmp_path_factory):
     """A folder with the recording, whose files say what rig and handle should have been."""
     root, rng = tmp_path_factory.mktemp("refine"), np.random.default_rng(0)
     true = truth()
-    partial = recorder.begin(root / "rec", RIG, CODED)
+    partial = recording_writer.begin(root / "rec", RIG, CODED)
     for k, T in enumerate(path()):
-        recorder.add(partial, RIG, k, render_rig(true.rig, true.handle, T, Bench(), rng))
-    recorder.finish(root / "rec", np.arange(COUNT) / FPS, truth_table(path()))
+        recording_writer.add(partial, RIG, k, render_rig(true.rig, true.handle, T, Bench(), rng))
+    recording_writer.finish(root / "rec", np.arange(COUNT) / FPS, truth_table(path()))
     return root
 
 

@@ -12,7 +12,7 @@ from trinolab import following
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
 from trinolab.datasets import handle_file, load_handle, load_rig, rig_file
-from trinolab.files import recorder
+from trinolab.files import recording_writer
 from trinolab.files.poses import read_poses, transforms, truth_table
 from trinolab.following import posetracker, track
 from trinolab.following.clocks import late_lines
@@ -33,10 +33,10 @@ PATH = RigidTransform.concatenate(
 def folder(tmp_path_factory):
     """A recording of the paper's handle."""
     root, rng = tmp_path_factory.mktemp("track") / "r", np.random.default_rng(0)
-    partial = recorder.begin(root, RIG, PAPER)
+    partial = recording_writer.begin(root, RIG, PAPER)
     for k, T in enumerate(PATH):
-        recorder.add(partial, RIG, k, render_rig(RIG, PAPER, T, Bench(), rng))
-    recorder.finish(root, np.arange(COUNT) / FPS, truth_table(PATH))
+        recording_writer.add(partial, RIG, k, render_rig(RIG, PAPER, T, Bench(), rng))
+    recording_writer.finish(root, np.arange(COUNT) / FPS, truth_table(PATH))
     return root
 
 
@@ -129,7 +129,7 @@ def test_a_camera_that_is_late_is_said():
         )
         for t in np.arange(count) / FPS + late_s
     ]
-    seen = track.Seen([], [])
+    seen = track.IdentifiedMarkers([], [])
     for k in range(count):
         uv = [
             RIG.cameras[c].project(T.apply(PAPER.marker_centres))
@@ -140,7 +140,7 @@ def test_a_camera_that_is_late_is_said():
     (line,) = late_lines(seen.offsets(RIG), RIG)
     assert line.startswith("ccd2: 6.")
     assert "later than ccd1; the cameras are not synchronised" in line
-    together = track.Seen(
+    together = track.IdentifiedMarkers(
         seen.times_s,
         [
             np.stack([RIG.cameras[c].project(T.apply(PAPER.marker_centres)) for c in (0, 1)])
@@ -148,7 +148,7 @@ def test_a_camera_that_is_late_is_said():
         ],
     )
     assert late_lines(together.offsets(RIG), RIG) == []
-    assert track.Seen([], []).offsets(RIG) is None
+    assert track.IdentifiedMarkers([], []).offsets(RIG) is None
 
 
 def test_values_track_as_their_files_do(folder, tmp_path):

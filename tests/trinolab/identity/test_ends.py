@@ -13,6 +13,7 @@ from trinolab.datasets import load_handle, load_rig
 from trinolab.identity import equivalents
 from trinolab.identity.ends import keep_by_body
 from trinolab.measurement import measure
+from trinolab.parameters import Parameters
 
 RIG, PAPER = load_rig("paper_pair"), load_handle("paper")
 T = RigidTransform.from_components(
@@ -86,12 +87,14 @@ def test_a_layout_with_that_symmetry_alone_is_measured():
         PAPER, columns_deg=(60.0, 130.0, 180.0, 230.0, 300.0), rows_mm=((10.0, -10.0),) * 5
     )
     assert len(handle.symmetries) == 2
-    pose = measure(render_rig(RIG, handle, T, Bench(), np.random.default_rng(0)), RIG, handle).pose
+    images = render_rig(RIG, handle, T, Bench(), np.random.default_rng(0))
+    pose = measure(images, RIG, handle, parameters=Parameters(estimator="paper")).pose
     assert pose.status == "measured"
     assert np.rad2deg((pose.T_world_handle.inv() * T).rotation.magnitude()) < 5.0
 
 
 def test_paper_layout_stays_ambiguous_by_six_turns():
-    pose = measure(render_rig(RIG, PAPER, T, Bench(), np.random.default_rng(0)), RIG, PAPER).pose
+    images = render_rig(RIG, PAPER, T, Bench(), np.random.default_rng(0))
+    pose = measure(images, RIG, PAPER, parameters=Parameters(estimator="paper")).pose
     assert pose.status == "ambiguous"
     assert right_way([pose.T_world_handle]) == [True]

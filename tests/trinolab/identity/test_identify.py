@@ -168,7 +168,7 @@ def test_a_search_that_is_cut_short_goes_on_where_it_ended():
     while not tried or not tried[-1]:
         work = Work(2 * SINGLE_UNITS, cursor)
         tried.append(identify(rig, CODED, found, axes_px=axes, work=work))
-        assert 0 <= work.left < 2 * SINGLE_UNITS
+        assert 0 <= work.remaining < 2 * SINGLE_UNITS
         cursor = work.cursor
     assert 1 < len(tried) < 5
     assert apart_deg(tried[-1][0].T_world_handle, T) < 5.0
@@ -318,8 +318,8 @@ def test_choice_by_prior_and_without():
     for k, E in enumerate(alike):
         prior = E * RigidTransform.from_rotation(Rotation.from_rotvec([0.1, 0.1, -0.1]))
         assert choose(alike, prior) == (k, True)
-    index, sure = choose(alike, None)
-    assert not sure
+    index, unambiguous = choose(alike, None)
+    assert not unambiguous
     assert alike[index].rotation.magnitude() == min(E.rotation.magnitude() for E in alike)
     between = alike[0] * RigidTransform.from_rotation(
         Rotation.from_rotvec([0, np.deg2rad(29.0), 0])

@@ -504,7 +504,7 @@ def test_the_papers_chain_assesses_nothing_until_its_covariance_is_asked_for(mon
 
     monkeypatch.setattr(assessment, "assess", counted)
     images = render_rig(PAIR, CODED, POSE, Bench(), np.random.default_rng(15))
-    pose = measure(images, PAIR, CODED, POSE).pose
+    pose = measure(images, PAIR, CODED, POSE, Parameters(estimator="paper")).pose
     assert pose.status == "measured"
     assert not calls
     assert np.isfinite(pose.sigma_mm)

@@ -17,6 +17,7 @@ from trinolab.estimators.paper import pose_of_centroids
 from trinolab.handle import facing_pixels, slants
 from trinolab.measurement import measure
 from trinolab.metrics import nearest_equivalent, nees
+from trinolab.parameters import Parameters
 from trinolab.pose import LOST, fit_pose
 from trinolab.uncertainty.centroids import LIGHT, NOISE_PX, centroid_bias
 
@@ -188,7 +189,7 @@ def test_nees_on_images():
     for k in range(1, 20, 3):
         T = load_table1().set_poses[k]
         images = render_rig(RAISED, PAPER, T, Bench(), np.random.default_rng(k))
-        pose = measure(images, RAISED, PAPER, T).pose
+        pose = measure(images, RAISED, PAPER, T, Parameters(estimator="paper")).pose
         true = nearest_equivalent(T, pose.T_world_handle, PAPER.symmetries)[0]
         values.append(nees(pose.T_world_handle, pose.whole_covariance, true)[0])
     # of seven: 6 by sqrt(12 / 7) = 1.3; 0.1 px of noise for each marker alone gives 40

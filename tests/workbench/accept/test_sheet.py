@@ -22,7 +22,7 @@ from workbench.accept import command, history, pointer, renew, rest, sheet, stat
 from workbench.accept.command import accept, as_lines
 from workbench.accept.numbers import CLOCK, LARGEST, OWN, Answer, Number, far_count, share
 from workbench.accept.sheet import Sheet, contents, digits, read_sheet
-from workbench.accept.work import Found, Kept, Part, Source
+from workbench.accept.work import Checkpoint, Found, Part, Source
 from workbench.studies.broken import FAULTS
 from workbench.studies.instant_times import by_film
 from workbench.studies.second_renderer import side_by_side
@@ -234,13 +234,13 @@ def test_readme_shows_the_shipped_sheet():
     texts = {
         (sheet.value_text(one), sheet.interval_text(one), str(one.n)): one.what for one in numbers
     }
-    part = (ROOT / "README.md").read_text().split("## A data sheet")[1].split("\n## ")[0]
+    part = (ROOT / "README.md").read_text().split("## How accurate")[1].split("\n## ")[0]
     rows = [
         [cell.strip() for cell in line.strip("|").split("|")]
         for line in part.splitlines()
         if line.startswith("| ")
     ][1:]
-    assert len(rows) >= 8
+    assert len(rows) == 5
     for name, *values in rows:
         assert tuple(values) in texts, name
 
@@ -318,36 +318,36 @@ SOURCE = Source(str(RIG), str(HANDLE), 8, 0)
 def test_work_goes_on_where_it_stopped(counted, tmp_path):
     parts = [Part("A2", k) for k in range(5)]
     path = tmp_path / "kept.jsonl"
-    with Kept(path, "this") as kept, pytest.raises(KeyboardInterrupt):
+    with Checkpoint(path, "this") as kept, pytest.raises(KeyboardInterrupt):
         work.do(SOURCE, parts, kept, 1, False, "tests")
     assert counted == [0, 1, 2]
     counted.append(None)  # it goes on now
-    with Kept(path, "this") as kept:
+    with Checkpoint(path, "this") as kept:
         found = work.do(SOURCE, parts, kept, 1, False, "tests")
     assert counted == [0, 1, 2, None, 3, 4]
     assert [found[part.key].rows for part in parts] == [[k, None, "x"] for k in range(5)]
-    with Kept(path, "another") as kept:
+    with Checkpoint(path, "another") as kept:
         assert kept.found() == {}
 
 
 def test_a_line_that_was_cut_off_is_done_again(tmp_path):
     path = tmp_path / "kept.jsonl"
-    with Kept(path, "this") as kept:
+    with Checkpoint(path, "this") as kept:
         kept.add("a", Found([1], 0.1))
         kept.add("b", Found([2], 0.1))
     path.write_text(path.read_text()[:-5])
-    with Kept(path, "this") as kept:
+    with Checkpoint(path, "this") as kept:
         assert list(kept.found()) == ["a"]
 
 
 def test_whole_lines_that_are_no_part_are_dropped_with_all_behind_them(tmp_path):
     path = tmp_path / "kept.jsonl"
     for damaged in ('["b", [2]]', "{", "3", '["b", [2], "long"]'):
-        with Kept(path, "this") as kept:
+        with Checkpoint(path, "this") as kept:
             kept.add("a", Found([1], 0.1))
             kept.add_line(damaged)
             kept.add("c", Found([3], 0.1))
-        with Kept(path, "this") as kept:
+        with Checkpoint(path, "this") as kept:
             assert list(kept.found()) == ["a"]
         path.unlink()
 
@@ -467,7 +467,7 @@ def test_an_interruption_says_how_many_parts_are_kept(quick, tmp_path, monkeypat
 
 def test_two_commands_with_one_folder(quick, tmp_path):
     kept = command.sheet_folder(tmp_path / "out", []) / command.KEPT
-    with Kept(kept, "x"), pytest.raises(ValueError, match="another process works on it"):
+    with Checkpoint(kept, "x"), pytest.raises(ValueError, match="another process works on it"):
         accept(RIG, HANDLE, tmp_path / "out", poses=8, workers=1, progress=False)
 
 

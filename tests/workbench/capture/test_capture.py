@@ -14,8 +14,8 @@ from processes import CLI, ended, started, wait_until
 
 from trinolab.camera import Rig
 from trinolab.datasets import data_path, load_rig
-from trinolab.files import outputs, recorder
-from trinolab.files.kept import locked
+from trinolab.files import outputs, recording_writer
+from trinolab.files.journal import locked
 from trinolab.files.recording import instants, open_folder, read_timestamps
 from trinolab.files.rigs import write_rig
 from workbench import cli
@@ -245,10 +245,10 @@ def test_an_interruption_before_the_first_instant_leaves_nothing(cameras, tmp_pa
 
 
 def test_what_the_disk_cannot_take_is_dropped_and_counted(cameras, tmp_path, monkeypatch):
-    real, free, begun, written = recorder.write_image, threading.Event(), [], []
+    real, free, begun, written = recording_writer.write_image, threading.Event(), [], []
     monkeypatch.setattr(files_capture, "QUEUE", 1)
     monkeypatch.setattr(
-        recorder,
+        recording_writer,
         "write_image",
         lambda *a: (begun.append(a), free.wait(), real(*a), written.append(a)),
     )
@@ -271,7 +271,7 @@ def test_what_the_disk_cannot_take_is_dropped_and_counted(cameras, tmp_path, mon
 
 
 def test_a_queue_that_fills_is_written_without_compression(cameras, tmp_path, monkeypatch):
-    how, real, last = [], recorder.write_image, threading.Event()
+    how, real, last = [], recording_writer.write_image, threading.Event()
 
     def write(image, path, fast):
         how.append(fast)
@@ -279,7 +279,7 @@ def test_a_queue_that_fills_is_written_without_compression(cameras, tmp_path, mo
         real(image, path, fast)
 
     monkeypatch.setattr(files_capture, "QUEUE", 8)
-    monkeypatch.setattr(recorder, "write_image", write)
+    monkeypatch.setattr(recording_writer, "write_image", write)
     # the first instant is being written before there are more
     cameras[0].at[2] = lambda: wait_until(lambda: how)
     cameras[0].at[20] = last.set
@@ -295,8 +295,8 @@ def test_a_queue_that_fills_is_written_without_compression(cameras, tmp_path, mo
 
 
 def test_a_preview_is_kept_up_to_date(cameras, tmp_path, monkeypatch):
-    seen, real = [], recorder.write_image
-    monkeypatch.setattr(recorder, "write_image", lambda *a: (seen.append(a[:2]), real(*a)))
+    seen, real = [], recording_writer.write_image
+    monkeypatch.setattr(recording_writer, "write_image", lambda *a: (seen.append(a[:2]), real(*a)))
     monkeypatch.setattr(files_capture, "PREVIEW_S", 0.05)
     monkeypatch.setattr(files_capture, "QUEUE", 1000)
     capture(TWO, tmp_path / "r", seconds=0.3, preview=True)
@@ -424,7 +424,7 @@ def full_disk(monkeypatch, allowed, also_text):
 
     monkeypatch.setattr(Path, "write_bytes", write)
     if also_text:
-        monkeypatch.setattr(recorder, "write_whole", whole)
+        monkeypatch.setattr(recording_writer, "write_whole", whole)
 
 
 def test_a_full_disk_ends_it_and_whole_instants_are_kept(cameras, tmp_path, monkeypatch):

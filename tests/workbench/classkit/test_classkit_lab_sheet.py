@@ -18,10 +18,11 @@ from healthy import run, write_video
 from pages import page_says
 from scipy.spatial.transform import RigidTransform, Rotation
 from setups import pose_at
+from webcams import BENCH, WEBCAMS, webcam_rig
 
 from trinolab.bench.scenario import Job, Shot, take
 from trinolab.datasets import load_real_sets, load_sweep, real_set
-from trinolab.files import recorder
+from trinolab.files import recording_writer
 from trinolab.files.fetch import why_not
 from trinolab.files.poses import read_poses, transforms, truth_table, write_poses
 from trinolab.files.rigs import read_handle, read_rig
@@ -32,7 +33,6 @@ from workbench.classkit.preflight import of_rig, place_of_handle
 from workbench.classkit.seen import Seen
 from workbench.classkit.sheets import EDGE_MM, PAPERS, board_target
 from workbench.studies.real_recordings import load_caliscope
-from workbench.studies.webcams import BENCH, WEBCAMS, webcam_rig
 
 PAGE = Path(__file__).resolve().parents[3] / "book" / "lab_sheet.md"
 SIZE = PAPERS["a4"]
@@ -157,10 +157,10 @@ def captured(folder, rig, frames, times, rig_file=None, handle_file=None):
     """The folder that `capture` would have written."""
     known = list(rig.names) if rig_file is None else read_rig(rig_file)
     handle = None if handle_file is None else read_handle(handle_file)
-    partial = recorder.begin(folder, known, handle)
+    partial = recording_writer.begin(folder, known, handle)
     for k, images in enumerate(frames):
-        recorder.add(partial, known, k, images)
-    recorder.finish(folder, list(times))
+        recording_writer.add(partial, known, k, images)
+    recording_writer.finish(folder, list(times))
 
 
 def rod_frames(rig, handle, count):

@@ -11,7 +11,7 @@ from pages import page_says
 from scipy.ndimage import gaussian_filter1d
 from setups import FPS, SMALL, clip, each, pose_at, record, small_rig
 
-from trinolab.bench.recordings import standard_recording
+from trinolab.bench.rendering import standard_recording
 from trinolab.camera import Rig, RigCovariance, displaced
 from trinolab.triangulation import triangulate
 from workbench.classkit import criteria

@@ -211,7 +211,7 @@ def test_scoreboard_fails_where_a_verdict_is_not_the_declared_one(monkeypatch, c
         ("track rec --rig R --handle H --out o", "workbench.bags.track_recording"),
         ("refine --rig R --handle H --video a=b --out o", "trinolab.following.refine.refine_files"),
         ("refine rec --rig R --handle H --out o", "trinolab.following.refine.refine_folder"),
-        ("render --rig R --handle H --motion calm --out o", "trinolab.bench.recordings.render"),
+        ("render --rig R --handle H --motion calm --out o", "trinolab.bench.rendering.render"),
         ("measure rec --rig R --handle H --out o", "workbench.cli.measure.measure_recording"),
         (
             "teleop rec --rig R --handle H --out o",

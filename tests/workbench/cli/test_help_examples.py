@@ -18,7 +18,7 @@ from healthy import run, write_video
 from makenotebook import glued, make_notebook
 from processes import started, wait_until
 
-from trinolab.bench import recordings
+from trinolab.bench import rendering
 from trinolab.bench.board import board_positions, render_board
 from trinolab.bench.optics import Bench
 from trinolab.calibration.target import Board
@@ -273,7 +273,7 @@ def test_eq(ran):
 
 
 def test_clear(ran, monkeypatch, tmp_path):
-    monkeypatch.setattr(recordings, "cache_folder", lambda: tmp_path)
+    monkeypatch.setattr(rendering, "cache_folder", lambda: tmp_path)
     assert "no standard recording is kept" in ran("clear")
 
 

@@ -20,6 +20,7 @@ from trinolab.bench import optics, scene
 from trinolab.calibration import eq25, start
 from trinolab.camera import Camera, epipolar_lines, fundamental_matrix
 from trinolab.handle import facing_pixels
+from trinolab.parameters import Parameters
 from workbench.course.child import outcome
 from workbench.course.exercise import FunctionExercise
 from workbench.course.exercises import exercise, of_chapter
@@ -114,7 +115,7 @@ def test_the_better_centres():
     rig, handle = datasets.load_rig("paper_pair"), datasets.load_handle("paper")
     truth = datasets.load_table1().set_poses[9]
     frames = scene.render_rig(rig, handle, truth, optics.Bench(), np.random.default_rng(0))
-    seen = measurement.measure(frames, rig, handle, prior=truth)
+    seen = measurement.measure(frames, rig, handle, truth, Parameters(estimator="paper"))
     uv = identity.labelled_pixels(seen.labels, [one.uv for one in seen.found], 12)
     T = seen.pose.T_world_handle
     epsilon = 0.3

@@ -74,7 +74,7 @@ def test_centroids_that_are_moved():
     def before_and_after(row, seed):
         truth = datasets.load_table1().set_poses[row - 1]
         frames = scene.render_rig(rig, handle, truth, optics.Bench(), np.random.default_rng(seed))
-        seen = measurement.measure(frames, rig, handle, prior=truth)
+        seen = measurement.measure(frames, rig, handle, truth, Parameters(estimator="paper"))
         uv = identity.labelled_pixels(seen.labels, [spots.uv for spots in seen.found], 12)
         T = seen.pose.T_world_handle
         centres = T.apply(handle.marker_centres)

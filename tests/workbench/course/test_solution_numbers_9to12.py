@@ -121,7 +121,7 @@ def test_plain_centroids_of_all_views():
         images.append(scene.render(three.cameras[2], rod, truth, optics.Bench(), rng))
         for rig in (pair, three):
             seen = images[: len(rig.cameras)]
-            found = measurement.measure(seen, rig, rod, truth)
+            found = measurement.measure(seen, rig, rod, truth, Parameters(estimator="paper"))
             uv = identity.labelled_pixels(found.labels, [one.uv for one in found.found], 12)
             instant = estimators.Identified(seen, uv, found.pose.T_world_handle, rig)
             poses = [fitted(rig, uv, found.pose.T_world_handle)]

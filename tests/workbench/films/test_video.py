@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trinolab.files.kept import locked
+from trinolab.files.journal import locked
 from workbench.films import video
 from workbench.films.video import Film
 

@@ -12,7 +12,7 @@ from livepage import HELD, RIG, Bench
 from processes import wait_until
 
 from trinolab.camera import Rig
-from trinolab.files import recorder
+from trinolab.files import recording_writer
 from workbench.live import command, sources
 from workbench.live.command import chosen
 from workbench.live.sources import Feed, SimulatedHand, Source, as_bytes
@@ -102,11 +102,11 @@ def test_a_video_may_stand_still():
 
 def test_a_recording_is_played_again_from_its_start(tmp_path):
     folder = tmp_path / "recording"
-    recorder.begin(folder, RIG, chosen().handle)
+    recording_writer.begin(folder, RIG, chosen().handle)
     images = [[image + np.uint8(k) for image in HELD] for k in range(3)]
     for k in range(3):
-        recorder.add(recorder.partial_of(folder), RIG, k, images[k])
-    recorder.finish(folder, [0.0, 0.01, 0.02])
+        recording_writer.add(recording_writer.partial_of(folder), RIG, k, images[k])
+    recording_writer.finish(folder, [0.0, 0.01, 0.02])
     threads = threading.active_count()
     with chosen(recording=folder) as source:
         seen = set()
@@ -123,8 +123,8 @@ def test_a_recording_is_played_again_from_its_start(tmp_path):
 
 def test_three_videos_stand_in_for_cameras(tmp_path):
     folder = tmp_path / "r"
-    recorder.begin(folder, RIG, chosen().handle)
-    partial = recorder.partial_of(folder)
+    recording_writer.begin(folder, RIG, chosen().handle)
+    partial = recording_writer.partial_of(folder)
     cameras = {}
     for camera, image in zip(RIG.cameras, HELD, strict=True):
         path = cameras[camera.name] = str(tmp_path / f"{camera.name}.avi")

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from makenotebook import glued, make_notebook
 
-from trinolab.bench import recordings
+from trinolab.bench import rendering
 from workbench.pages import build
 from workbench.studies.ground_truth import read_recording
 from workbench.studies.protocol import load_claims
@@ -211,7 +211,7 @@ def test_a_cache_that_cannot_be_written_is_said_in_a_line(monkeypatch, capsys):
     def refused(*_, **__):
         raise ValueError("recordings: cannot be written")
 
-    monkeypatch.setattr(recordings, "standard_recording", refused)
+    monkeypatch.setattr(rendering, "standard_recording", refused)
     assert build.command(["--recording", "calm"]) == 1
     assert capsys.readouterr().out == "recordings: cannot be written\n"
 

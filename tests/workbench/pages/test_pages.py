@@ -22,6 +22,7 @@ CHAPTERS = [chapter for part in TOC["parts"] for chapter in part["chapters"]]
 SECTIONS = [section["file"] for chapter in CHAPTERS for section in chapter.get("sections", [])]
 STUDIES = [page for page in SECTIONS if page.startswith("notebooks/")]
 REFERENCE = [page for page in SECTIONS if page not in STUDIES]
+API = [page for page in REFERENCE if page.startswith("book/api/")]
 PAGES = [TOC["root"], *(chapter["file"] for chapter in CHAPTERS), *STUDIES]
 pytestmark = pytest.mark.skipif(
     not (HTML / "index.html").exists(), reason="no built pages: run make book first"
@@ -33,7 +34,7 @@ each_page = pytest.mark.parametrize("page", [*PAGES, *REFERENCE])
 # Those of the reference are alike, and so are the pages that hold text and formulas alone.
 ALIKE = {
     *("book/notation", "book/glossary", "book/assumptions", "book/design", "book/bibliography"),
-    *("book/api/index", *REFERENCE[1:]),
+    *("book/decisions/index", "book/api/index", *API[1:]),
 }
 each_kind = pytest.mark.parametrize(
     "page",

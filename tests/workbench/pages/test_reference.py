@@ -103,7 +103,7 @@ def test_pages_are_written_for_the_book_to_include(tmp_path, texts):
     assert (tmp_path / "new" / "folder" / "pose.md").read_text(encoding="utf-8") == texts["pose"]
     face = (tmp_path / "new" / "folder" / "face.md").read_text(encoding="utf-8")
     assert (
-        "{py:obj}`trinolab.measure <trinolab.single.measure_instant>` | Measure the handle's pose"
+        "{py:obj}`trinolab.measure <trinolab.measurement.measure>` | Measure the handle's pose"
         in face
     )
 
@@ -131,7 +131,7 @@ other.measure(np.zeros(3))"""
         if name in {"trinolab.pose", "trinolab.identity", "workbench", "workbench.sweep"}
     } == {
         "trinolab.identity.identify.identify",
-        "trinolab.single.measure_instant",
+        "trinolab.measurement.measure",
         "trinolab.pose.fit_pose",
         "trinolab.matching.ncc",
         "workbench.sweep.runs.sweep",

@@ -25,7 +25,7 @@ from trinolab.tracker import CameraState, TrackerState
 from trinolab.triangulation import triangulate
 from trinolab.window import Window
 from workbench.studies import claim_draws, claim_trials, factors, master_slave
-from workbench.studies.replication import shared_poses
+from workbench.studies.replication import EVERY, shared_poses
 from workbench.studies.simulated_calibration import bent
 
 PAPER = load_handle("paper")
@@ -103,7 +103,7 @@ def test_the_hidden_pair_alone_measures_nothing():
     arm = Arm(hides_from=tuple(float(c) for c in rig.cameras[0].centre))
     drawn = next(shared_poses(load_rig("raised_40deg"), PAPER, rng, arm))
     frames = render_rig(rig, PAPER, drawn, Bench(), rng, arm)
-    assert measure(frames, rig, PAPER).pose.status == "lost"
+    assert measure(frames, rig, PAPER, parameters=EVERY["paper"]).pose.status == "lost"
 
 
 # --- the draws' own arithmetic, without an image
@@ -199,7 +199,7 @@ def test_the_error_of_a_pose_is_that_of_its_own_frames_and_noise(monkeypatch):
     """The frames are the pose, and the noise shifts it along y."""
     setup = factors.table1_setup(PAIR, PAPER)
 
-    def measure(frames, rig, handle):
+    def measure(frames, rig, handle, parameters):
         return measured(RigidTransform.from_translation([0.0, frames[1], 0.0]) * frames[0])
 
     monkeypatch.setattr(factors, "frames", lambda setup, k, rng: (setup.poses[k], rng.random()))
@@ -207,7 +207,7 @@ def test_the_error_of_a_pose_is_that_of_its_own_frames_and_noise(monkeypatch):
     expected = np.random.default_rng(7).random()
     found = claim_draws.position_error(setup, 4, np.random.default_rng(7))
     assert found == pytest.approx(expected)
-    monkeypatch.setattr(claim_draws, "measure", lambda *_: measured(None))
+    monkeypatch.setattr(claim_draws, "measure", lambda *_, **__: measured(None))
     assert claim_draws.position_error(setup, 4, np.random.default_rng(7)) is None
 
 
@@ -256,7 +256,7 @@ def test_the_mean_over_pairs_counts_markers_that_all_three_have(monkeypatch):
     uv = [camera.project(truth.apply(PAPER.marker_centres)) for camera in rig.cameras]
     uv[0] = uv[0] + [0.0, 1.0]  # CCD1 is a pixel off
 
-    def measure(images, rig, handle, prior):
+    def measure(images, rig, handle, prior, parameters):
         assert (prior.translation == truth.translation).all()
         labels = tuple(np.arange(12) for _ in uv)
         found = tuple(SimpleNamespace(uv=pixels) for pixels in uv)

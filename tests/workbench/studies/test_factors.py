@@ -1,6 +1,4 @@
-"""The four factors: what each changes and what it leaves, and the shipped tables against cells
-computed anew.
-"""
+"""The four factors: what each changes and what it leaves."""
 
 import numpy as np
 import pandas as pd
@@ -10,18 +8,9 @@ from trinolab import measurement
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
-from trinolab.parameters import Parameters
 from workbench.studies import factors, replication
-from workbench.studies.__main__ import main
-from workbench.studies.factors import DISTANCES_MM, ERRORS, FACTORS, at_distance, cell, table1_setup
-from workbench.studies.replication import replicate_table1
-
-CELLS = {"distortion": -0.05, "distance": 750.0, "marker_size": 2.0, "speed": 25.0, "turn": 100.0}
-FIELDS = ["E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg", "geodesic_mean_deg"]
-# Tables have six digits. Between instruction sets their numbers differ by at most 1.3e-11 of
-# themselves (make verify ARGS="--only spread --groups tables").
-DIGITS = 1e-5
-each_factor = pytest.mark.parametrize("name", FACTORS)
+from workbench.studies.factors import DISTANCES_MM, FACTORS, at_distance, table1_setup
+from workbench.studies.replication import EVERY, replicate_table1
 
 
 @pytest.fixture(scope="module")
@@ -92,65 +81,7 @@ def test_at_rest_the_frames_are_the_scene_s(setup):
     np.testing.assert_array_equal(frames, expected)
 
 
-# --- cells
-
-
-def test_a_cell_says_what_it_is_and_what_it_could_not_measure(monkeypatch, setup):
-    monkeypatch.setattr(factors, "frames", lambda *a: [np.zeros((1024, 1280), np.uint8)] * 2)
-    methods = {"one": Parameters(), "two": Parameters(sigma_px=0.2)}
-    rows = cell("speed", 100.0, 3, setup.rig, setup.handle, methods)
-    assert [(r["speed_mm_s"], r["seed"], r["method"], r["poses"], r["n"]) for r in rows] == [
-        (100.0, 3, "one", 20, 0),
-        (100.0, 3, "two", 20, 0),
-    ]
-    assert all(np.isnan(r[field]) for r in rows for field in ERRORS)
-
-
-def test_every_method_measures_the_same_frames(monkeypatch, setup):
-    seen = []
-    monkeypatch.setattr(
-        replication,
-        "measure",
-        lambda frames, rig, handle, prior, parameters: seen.append(
-            (parameters.sigma_px, frames[0].sum())
-        ),
-    )
-    monkeypatch.setattr(factors, "errors_of", lambda *a: {})
-    monkeypatch.setattr(factors, "frames", lambda setup, k, rng: [rng.integers(0, 255, (2, 2))] * 2)
-    cell(
-        "turn", 0.0, 0, setup.rig, setup.handle, {"a": Parameters(), "b": Parameters(sigma_px=0.3)}
-    )
-    first, second = ([total for sigma, total in seen if sigma == s] for s in (0.1, 0.3))
-    assert first == second
-    assert len(set(first)) > 10
-
-
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (("colour", 1.0, 0), "name"),
-        (("speed", np.nan, 0), "speed_mm_s"),
-        (("speed", 1.0, -1), "seed"),
-        (("marker_size", 9.0, 0), "overlap"),
-    ],
-)
-def test_a_cell_refuses(arguments, named, setup):
-    with pytest.raises(ValueError, match=named):
-        cell(*arguments, setup.rig, setup.handle)
-
-
 # --- the shipped tables
-
-
-@each_factor
-def test_shipped_table_is_whole(name):
-    table, factor = load_sweep(name), FACTORS[name]
-    assert list(table.columns) == [factor.column, "seed", "method", "poses", "n", *ERRORS]
-    for _, rows in table.groupby(["seed", "method"]):
-        assert list(rows[factor.column]) == list(factor.values)
-    assert factor.paper in factor.values
-    assert (table["n"] <= table["poses"]).all()
-    assert "paper" in set(table["method"])
 
 
 @pytest.mark.parametrize("name", [name for name in FACTORS if name != "distance"])
@@ -168,79 +99,9 @@ def test_at_the_working_point_it_is_the_replication():
     rig, handle = load_rig("paper_pair"), load_handle("paper")
     setup = table1_setup(rig, handle)
     rng = np.random.default_rng(0)
-    found = [measurement.measure(factors.frames(setup, k, rng), rig, handle) for k in range(2)]
+    found = [
+        measurement.measure(factors.frames(setup, k, rng), rig, handle, parameters=EVERY["paper"])
+        for k in range(2)
+    ]
     errors = replication.replication_errors(found, load_table1().set_poses[:2], handle)
     assert errors == replicate_table1(rig, handle, seed=0, rows=slice(2))
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("name", FACTORS)
-def test_shipped_cell_is_computed_again(name):
-    """One cell of each table, all its poses rendered and measured: `make sweeps` makes them anew
-    after a change.
-    """
-    value, table = CELLS[name], load_sweep(name)
-    stored = table[
-        (table[FACTORS[name].column] == value) & (table["seed"] == 0) & (table["method"] == "paper")
-    ]
-    (row,) = cell(name, value, 0, load_rig("paper_pair"), load_handle("paper"))
-    assert [row["poses"], row["n"]] == stored[["poses", "n"]].iloc[0].tolist()
-    np.testing.assert_allclose(
-        [row[f] for f in FIELDS], stored[FIELDS].iloc[0].astype(float), rtol=DIGITS
-    )
-
-
-# --- the command
-
-
-def test_the_command_writes_whole_tables_and_only_those_asked_for(tmp_path, monkeypatch):
-    def cheap(name, value, seed, *_):
-        if (name, value) == ("turn", 400.0):
-            raise KeyboardInterrupt
-        return [{FACTORS[name].column: value, "seed": seed}]
-
-    monkeypatch.setattr(factors, "cell", cheap)
-    (tmp_path / "turn.csv").write_text("before")
-    assert (
-        main(["factors", "--out", str(tmp_path), "--factor", "speed", "turn", "--seeds", "2"])
-        == 130
-    )
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["speed.csv", "turn.csv"]
-    assert (tmp_path / "turn.csv").read_text() == "before"
-    written = pd.read_csv(tmp_path / "speed.csv")
-    assert written["seed"].tolist() == [0, 1] * len(FACTORS["speed"].values)
-
-
-@pytest.mark.parametrize(
-    ("folder", "factor", "seeds", "said"),
-    [
-        ("none", "speed", 1, "no such folder"),
-        (".", "colour", 1, "factor: expected one of"),
-        (".", "speed", 0, "--seeds: expected a number of 1 or more, got 0"),
-    ],
-)
-def test_the_command_refuses_in_a_line_before_it_computes(
-    tmp_path, monkeypatch, capsys, folder, factor, seeds, said
-):
-    monkeypatch.setattr(factors, "cell", None)
-    line = ["factors", "--out", str(tmp_path / folder), "--factor", factor, "--seeds", str(seeds)]
-    assert main(line) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert said in line
-
-
-@pytest.mark.parametrize(
-    ("study", "option"),
-    [
-        ("budget", "--draws"),
-        ("calibration_error", "--workers"),
-        ("gallery", "--workers"),
-        ("sensitivity", "--draws"),
-        ("stress", "--instants"),
-    ],
-)
-def test_a_study_of_less_than_one_is_refused(tmp_path, capsys, study, option):
-    assert main([study, "--out", str(tmp_path), option, "-2"]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.endswith(f"{option}: expected a number of 1 or more, got -2")
-    assert not list(tmp_path.iterdir())

@@ -11,8 +11,8 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.bench import recordings
-from trinolab.bench.recordings import standard_recording
+from trinolab.bench import rendering
+from trinolab.bench.rendering import standard_recording
 from trinolab.bench.scene import scaled
 from trinolab.camera import Rig
 from trinolab.datasets import load_rig
@@ -33,9 +33,9 @@ from workbench.studies.ground_truth import (
 def cache(tmp_path_factory):
     root = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recordings, "cache_folder", lambda: root)
+        patch.setattr(rendering, "cache_folder", lambda: root)
         patch.setattr(
-            recordings,
+            rendering,
             "load_rig",
             lambda name: replace(
                 load_rig(name), cameras=tuple(scaled(c, 0.25) for c in load_rig(name).cameras)
@@ -190,7 +190,7 @@ def test_the_gate_by_hand():
 
 
 def test_a_covered_camera_sees_nothing(hard, monkeypatch):
-    job = recordings.scripted("hard", hard.rig, hard.handle, 0, 0.2)
+    job = rendering.scripted("hard", hard.rig, hard.handle, 0, 0.2)
     dark = job._replace(shots=[shot._replace(gains=(0.0, 1.0, 1.0)) for shot in job.shots])
     seen = ground_truth.instant_of(dark, 0, ()).seen
     assert not seen[0].any()

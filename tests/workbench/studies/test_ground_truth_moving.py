@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from trinolab.background import BackgroundParameters, Detection, step
-from trinolab.bench import optics, recordings, scene
-from trinolab.bench.recordings import scripted
+from trinolab.bench import optics, rendering, scene
+from trinolab.bench.rendering import scripted
 from trinolab.bench.scenario import take
 from trinolab.datasets import load_handle, load_rig
 from trinolab.window import Window
@@ -95,11 +95,11 @@ def short(tmp_path_factory):
     def late(rig, times, seed):
         return calm(rig, times + 1.2, seed)
 
-    calm = recordings.SCRIPTS["calm"]
+    calm = rendering.SCRIPTS["calm"]
     root = tmp_path_factory.mktemp("cache")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recordings, "cache_folder", lambda: root)
-        patch.setitem(recordings.SCRIPTS, "calm", late)
+        patch.setattr(rendering, "cache_folder", lambda: root)
+        patch.setitem(rendering.SCRIPTS, "calm", late)
         return read_recording("calm", every=4, seconds=0.07)
 
 

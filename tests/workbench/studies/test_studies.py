@@ -3,13 +3,14 @@
 Studies whose command has more to it have their tests beside the study's own.
 """
 
-from importlib import import_module
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from workbench.studies.__main__ import MAKES, main
+from workbench.studies import __main__ as command
+from workbench.studies.__main__ import MAKES, STUDIES, main
+from workbench.studies.carrier import script
 
 FOUND = pd.DataFrame({"x": [1, 2], "name": ["a", "b"]})
 
@@ -19,67 +20,34 @@ def asked(monkeypatch):
     """Makes a study's function one that gives `FOUND` at once; what it was asked for."""
     arguments = []
 
-    def stand_in(study, function, answer=FOUND):
-        def found(*given, **named):
-            arguments.append((given, named))
+    def stand_in(study, answer=FOUND):
+        def found(**named):
+            arguments.append(named)
             return answer
 
-        monkeypatch.setattr(import_module(f"workbench.studies.{study}"), function, found)
+        module = command._module(study)
+        monkeypatch.setattr(module, STUDIES[study].make, found)
         return arguments
 
     return stand_in
 
 
 @pytest.mark.parametrize(
-    ("study", "options", "function", "named"),
+    ("study", "options", "named"),
     [
-        ("bound", [], "sweep_bounds", {}),
-        ("elevation", [], "sweep_elevation", {}),
-        ("fitts", [], "make_table", {}),
-        ("webcams", [], "make_table", {}),
-        ("second_renderer", ["--kept", "k"], "make_table", {"kept": Path("k")}),
-        ("second_renderer", [], "make_table", {"kept": Path("_build/second")}),
+        ("budget", ["--draws", "7"], {"draws": 7}),
+        ("second_renderer", ["--kept", "k"], {"kept": Path("k")}),
+        ("second_renderer", [], {"kept": Path("_build/second")}),
         (
             "drawn_rigs",
             ["--kept", "k", "--draws", "3", "--workers", "5"],
-            "make_table",
             {"draws": 3, "workers": 5, "kept": Path("k")},
         ),
         (
             "sensitivity",
-            ["--kept", "k", "--draws", "3"],
-            "make_table",
-            {"kept": Path("k"), "draws": 3},
+            ["--workers", "1"],
+            {"kept": Path("_build/sensitivity"), "draws": 2, "workers": 1},
         ),
-        ("sensitivity", [], "make_table", {"kept": Path("_build/sensitivity"), "draws": 2}),
-        (
-            "match_rivals",
-            ["--kept", "k", "--draws", "3"],
-            "make_table",
-            {"kept": Path("k"), "draws": 3},
-        ),
-        (
-            "calibration_error",
-            ["--kept", "k", "--draws", "3", "--workers", "5"],
-            "make_table",
-            {"draws": 3, "workers": 5, "kept": Path("k")},
-        ),
-    ],
-)
-def test_a_study_of_one_table_writes_it_under_its_own_name(
-    tmp_path, asked, study, options, function, named
-):
-    arguments = asked(study, function)
-    assert main([study, "--out", str(tmp_path), *options]) == 0
-    assert arguments == [((), named)]
-    assert [path.name for path in tmp_path.iterdir()] == [f"{study}.csv"]
-    pd.testing.assert_frame_equal(pd.read_csv(tmp_path / f"{study}.csv"), FOUND)
-
-
-@pytest.mark.parametrize(
-    ("study", "options", "named"),
-    [
-        ("budget", ["--draws", "7"], {"draws": 7}),
         (
             "stress",
             ["--kept", "k", "--instants", "20", "--workers", "5"],
@@ -92,44 +60,58 @@ def test_a_study_of_one_table_writes_it_under_its_own_name(
         ),
     ],
 )
-def test_several_tables_are_written_each_under_its_name(tmp_path, asked, study, options, named):
-    tables = [FOUND.assign(x=number) for number in range(len(MAKES[study]))]
-    arguments = asked(study, "make_tables", tables)
+def test_tables_are_written_each_under_its_name(tmp_path, asked, study, options, named):
+    several = [FOUND.assign(x=number) for number in range(len(MAKES[study]))]
+    arguments = asked(study, several if len(several) > 1 else several[0])
     assert main([study, "--out", str(tmp_path), *options]) == 0
-    assert arguments == [((), named)]
+    assert arguments == [named]
     written = [pd.read_csv(tmp_path / f"{name}.csv")["x"].iloc[0] for name in MAKES[study]]
-    assert written == list(range(len(tables)))
+    assert written == list(range(len(several)))
 
 
-def test_the_trials_are_told_both_tables_and_which_of_them_to_make(tmp_path, asked):
-    arguments = asked("claims", "make_tables", None)
+@pytest.mark.parametrize(
+    ("study", "options", "named"),
+    [
+        ("fitts", [], {}),
+        ("calibration_error", ["--draws", "3"], {"draws": 3}),
+        ("factors", ["--factor", "turn", "--seeds", "3"], {"draws": 3, "names": ["turn"]}),
+        ("gallery", ["blur"], {"names": ["blur"]}),
+    ],
+)
+def test_the_tables_of_a_script_are_carried(tmp_path, monkeypatch, study, options, named):
+    made = []
+    monkeypatch.setattr(
+        command, "make_tables", lambda *given, **by_name: made.append((given, by_name))
+    )
+    assert main([study, "--out", str(tmp_path), "--kept", "k", "--workers", "5", *options]) == 0
+    (((tables, out), by_name),) = made
+    assert (tables, out) == (script(study).TABLES, tmp_path)
+    assert by_name == {"kept": Path("k"), "workers": 5, **named}
+
+
+def test_the_trials_are_given_both_tables_as_they_are(tmp_path, asked):
+    arguments = asked("claims", (FOUND, FOUND))
     assert main(["claims", "clip", "slave", "--out", str(tmp_path), "--kept", "k"]) == 0
-    results, draws = (tmp_path / f"claims_{what}.csv" for what in ("results", "draws"))
-    assert arguments == [((results, draws, Path("k"), ["clip", "slave"]), {})]
+    before = [tmp_path / f"claims_{what}.csv" for what in ("results", "draws")]
+    assert arguments == [{"before": before, "kept": Path("k"), "names": ["clip", "slave"]}]
+    assert all(path.exists() for path in before)
 
 
-def test_the_hashes_are_printed_and_nothing_is_made(tmp_path, asked):
-    made, printed = asked("claims", "make_tables", None), asked("claims", "print_hashes", None)
+def test_the_hashes_are_printed_and_nothing_is_made(tmp_path, asked, monkeypatch):
+    made, printed = asked("claims"), []
+    monkeypatch.setattr(script("claims"), "print_hashes", lambda: printed.append(True))
     assert main(["claims", "--hashes", "--out", str(tmp_path)]) == 0
-    assert made is printed
-    assert printed == [((), {})]
+    assert (made, printed) == ([], [True])
     assert not list(tmp_path.iterdir())
 
 
 def test_the_tuning_is_printed(asked):
-    arguments = asked("tuning", "print_most_likely", None)
+    arguments = asked("tuning", None)
     assert main(["tuning"]) == 0
-    assert arguments == [((), {})]
+    assert arguments == [{}]
 
 
-def test_all_factors_are_swept_without_a_name(tmp_path, asked):
-    arguments = asked("factors", "sweep_factor")
-    assert main(["factors", "--out", str(tmp_path), "--seeds", "3"]) == 0
-    assert arguments == [((name, 3), {}) for name in MAKES["factors"]]
-    assert {path.stem for path in tmp_path.iterdir()} == set(MAKES["factors"])
-
-
-@pytest.mark.parametrize("study", [name for name in MAKES if name != "claims"])
+@pytest.mark.parametrize("study", [name for name in STUDIES if name != "tuning"])
 def test_a_folder_that_is_missing_is_refused_before_the_study_begins(tmp_path, capsys, study):
     """Each of these would take minutes."""
     assert main([study, "--out", str(tmp_path / "none")]) == 2
@@ -138,11 +120,20 @@ def test_a_folder_that_is_missing_is_refused_before_the_study_begins(tmp_path, c
     assert line.endswith("no such folder to write into")
 
 
+@pytest.mark.parametrize(
+    ("study", "option"), [("budget", "--draws"), ("factors", "--seeds"), ("gallery", "--workers")]
+)
+def test_a_count_below_one_is_refused(tmp_path, capsys, study, option):
+    assert main([study, "--out", str(tmp_path), option, "-2"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith(f"{option}: expected a number of 1 or more, got -2")
+
+
 def test_a_study_that_was_stopped_says_so_in_a_line(tmp_path, monkeypatch, capsys):
-    def stopped(**_):
+    def stopped(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("workbench.studies.fitts.make_table", stopped)
+    monkeypatch.setattr(command, "make_tables", stopped)
     assert main(["fitts", "--out", str(tmp_path)]) == 130
     assert capsys.readouterr().err.endswith("fitts: stopped, nothing was written\n")
     assert not list(tmp_path.iterdir())

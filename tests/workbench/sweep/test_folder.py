@@ -15,7 +15,7 @@ from healthy import contents, run
 from makenotebook import glued, make_notebook
 from processes import GATE, ended, open_gate, started, wait_until
 
-from trinolab.files.kept import KeptLines
+from trinolab.files.journal import Journal
 from workbench import provenance
 from workbench.sweep import runs, sweep
 from workbench.sweep.folder import read_sweep
@@ -274,7 +274,7 @@ def test_a_function_that_is_interrupted_keeps_its_runs(tmp_path):
 def test_an_interruption_while_a_run_is_kept_counts_what_the_file_has(
     tmp_path, monkeypatch, moment, count
 ):
-    real, calls = KeptLines.add_line, []
+    real, calls = Journal.add_line, []
 
     def add_line(lines, line):
         """Ctrl-C comes with the third run."""
@@ -285,7 +285,7 @@ def test_an_interruption_while_a_run_is_kept_counts_what_the_file_has(
         if len(calls) == 3:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(KeptLines, "add_line", add_line)
+    monkeypatch.setattr(Journal, "add_line", add_line)
     with pytest.raises(KeyboardInterrupt, match=f"{count} of 5 runs are kept in"):
         sweep(absolute, a=range(5), out=tmp_path / "s")
     assert len((tmp_path / "s" / "runs.jsonl").read_text().splitlines()) == count

@@ -1,7 +1,6 @@
 """The pointing task, its log, the models of an operator, and the shipped table."""
 
 import math
-from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +13,8 @@ from trinolab.datasets import load_sweep
 from trinolab.slave import control, mapping
 from trinolab.slave.mapping import MappingParameters, Sample, State
 from workbench.plotting.pointing import plot_pointing
-from workbench.studies import fitts
-from workbench.studies.fitts import DELAYS_S, SCALES, cell, fit, lag_models, one_operator
+from workbench.studies.carrier import script
+from workbench.studies.fitts import DELAYS_S, fit, lag_models, one_operator
 from workbench.sweep import sweep
 from workbench.sweep.notebook import run_notebook
 from workbench.teleop import operators
@@ -226,16 +225,6 @@ def test_mistakes_are_named():
 # The study
 
 
-def test_the_shipped_table_is_what_the_study_gives():
-    table = load_sweep("fitts")
-    assert len(table) == len(operators.STRATEGIES) * len(SCALES) * len(DELAYS_S)
-    row = table[(table["scale"] == 2) & (table["delay_s"] == 0.15)].iloc[1]
-    found = cell(row["strategy"], 2.0, 0.15, 20)
-    for name in ("throughput_bit_s", "movement_s", "moves"):
-        # another rounding may move a trial's end by a tick
-        assert found[name] == pytest.approx(row[name], rel=2e-3)
-
-
 @pytest.mark.parametrize(("product_form", "other"), [(True, False), (False, True)])
 def test_the_models_of_lag_find_what_they_are_given(product_form, other):
     """Movement times made by one of the two models: it explains all, the other one less."""
@@ -281,22 +270,18 @@ def test_the_figure_has_a_curve_a_strategy_and_scale():
     plt.close(figure)
 
 
-def test_a_cell_s_means_are_over_the_operators_and_its_errors_over_all_trials(monkeypatch):
+def test_means_are_over_the_operators_and_errors_over_all_trials():
     """Four operators by hand: Student's interval of 1, 2, 3, 4 by the table, t = 3.18245."""
-
-    def one(strategy, scale, delay_s, seed):
-        return {
-            "throughput_bit_s": 1.0 + seed,
+    seeds = np.arange(4)
+    runs = pd.DataFrame(
+        {
+            "throughput_bit_s": 1.0 + seeds,
             "movement_s": 2.0,
             "moves": 3.0,
-            "error_share": 0.1 * seed,
+            "error_share": 0.1 * seeds,
         }
-
-    monkeypatch.setattr(fitts, "one_operator", one)
-    table = fitts.make_table(4)
-    settings = zip(table["strategy"], table["scale"], table["delay_s"], strict=True)
-    assert list(settings) == list(product(operators.STRATEGIES, SCALES, DELAYS_S))
-    row = table.iloc[7]
+    )
+    row = script("fitts").over_operators(runs)
     reach = 3.18245 * np.sqrt(5 / 3) / 2
     assert (row["seeds"], row["trials"]) == (4, 4 * 10 * 9)
     assert row["throughput_bit_s"] == 2.5

@@ -10,9 +10,9 @@ import pytest
 
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 
-from trinolab.bench.recordings import standard_recording
+from trinolab.bench.rendering import standard_recording
 from trinolab.datasets import data_path
-from trinolab.files.kept import locked
+from trinolab.files.journal import locked
 from trinolab.files.poses import read_poses
 from trinolab.slave.arm import load_robot
 from trinolab.slave.control import TICK_S

@@ -52,11 +52,11 @@ def _find_recordings(folder: Path) -> None:
     What a recording was made from is the same but for the motion, whose last bits are those of the
     machine that computed it.
     """
-    from trinolab.bench import recordings
+    from trinolab.bench import rendering
 
-    rendered = recordings.kept_folder
+    rendered = rendering.cached_folder
 
-    def kept_folder(name: str, manifest: dict[str, Any], make: Any) -> Path:
+    def cached_folder(name: str, manifest: dict[str, Any], make: Any) -> Path:
         shipped = folder / name / "made_from.json"
         if shipped.is_file():
             made_from = json.loads(shipped.read_text())
@@ -64,7 +64,7 @@ def _find_recordings(folder: Path) -> None:
                 return shipped.parent
         return rendered(name, manifest, make)
 
-    recordings.kept_folder = kept_folder
+    rendering.cached_folder = cached_folder
 
 
 def answer() -> None:

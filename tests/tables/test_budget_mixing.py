@@ -1,0 +1,85 @@
+"""Sizes that are put in come out, and what cannot explain the targets says so."""
+
+import numpy as np
+import pytest
+from budget import mix, mixes
+
+from trinolab.datasets import load_handle, load_rig, load_table1
+from workbench.studies.deviations import Source, drawn, first_order, means, together
+from workbench.studies.error_sources import (
+    askew,
+    make_trial,
+    pixel_noise,
+    platform,
+    printed_digits,
+    set_angles,
+    turned_reference,
+)
+from workbench.studies.pattern import scaled
+
+TRUTHS = load_table1().set_poses
+
+
+@pytest.fixture(scope="module")
+def trial():
+    return make_trial(load_rig("paper_pair"), load_handle("paper"), TRUTHS)
+
+
+def test_sizes_are_recovered(trial):
+    """Targets from tables of other draws, with known sizes."""
+    noise, places, digits = pixel_noise(trial, 0.02), platform(trial, 0.1), printed_digits(trial)
+    mixed = together([scaled(noise, 2.0), scaled(places, 0.5), digits], "mixed")
+    targets = means(first_order(drawn(mixed, 3000, np.random.default_rng(9)), TRUTHS))[:4]
+    found = mix([noise, places], digits, TRUTHS, targets)
+    np.testing.assert_allclose([s.size for s in found.sources], [0.04, 0.05], rtol=0.1)
+    assert found.misfit < 1.05
+    np.testing.assert_allclose(found.means, targets, rtol=0.05)
+
+
+def test_with_registration_too(trial):
+    places, digits = platform(trial, 0.1), printed_digits(trial)
+    found = mix([places], digits, TRUTHS, [0.1, 0.05, 0.05, 0.05], rows=range(20))
+    unregistered = mix([places], digits, TRUTHS, [0.1, 0.05, 0.05, 0.05])
+    # a registration takes a part of it away
+    assert found.sources[0].size > unregistered.sources[0].size
+
+
+def test_no_size_of_a_wrong_source_fits(trial):
+    found = mix([set_angles(trial, 0.5)], printed_digits(trial), TRUTHS, [0.31, 0.67, 0.56, 0.65])
+    assert found.misfit > 30
+    np.testing.assert_allclose(found.means[1:], [0.67, 0.56, 0.65], rtol=0.15)
+
+
+def test_mixes_are_sorted_and_every_source_of_a_pair_helps(trial):
+    free = [pixel_noise(trial, 0.02), platform(trial, 0.1), set_angles(trial, 0.5)]
+    found = mixes(free, printed_digits(trial), TRUTHS, [0.31, 0.67, 0.56, 0.65])
+    assert [m.misfit for m in found] == sorted(m.misfit for m in found)
+    by_name = {tuple(s.name for s in m.sources): m.misfit for m in found}
+    assert len(by_name) == len(found) >= 4
+    assert {("pixel noise",), ("platform",), ("zeros of the set angles",)} < set(by_name)
+    assert ("platform", "zeros of the set angles") in by_name
+    assert ("pixel noise", "zeros of the set angles") not in by_name  # the zeros move no position
+    for names, misfit in by_name.items():
+        assert len(names) == 1 or misfit < min(by_name[(name,)] for name in names)
+
+
+def test_three_are_kept_where_the_third_helps(trial):
+    """Places move positions, a turn of the mount and one of the reference turn poses: targets that
+    all three have made, and no two.
+    """
+    three = [platform(trial, 0.1), askew(trial, 0.5), turned_reference(trial, 0.5)]
+    digits = printed_digits(trial)
+    made = together([three[0], scaled(three[1], 0.5), scaled(three[2], 2.0)], "made")
+    tables = drawn(together([made, digits], "with digits"), 3000, np.random.default_rng(4))
+    targets = means(first_order(tables, TRUTHS))[:4]
+    best = mixes(three, digits, TRUTHS, targets)[0]
+    assert [s.name for s in best.sources] == [s.name for s in three]
+    assert best.misfit < 1.05
+
+
+def test_a_scaled_source_is_larger_in_all_it_holds():
+    source = Source("s", 2.0, "px", np.ones((2, 6)), np.ones((2, 6, 1)))
+    twice = scaled(source, 3.0)
+    assert (twice.name, twice.size, twice.unit) == ("s", 6.0, "px")
+    np.testing.assert_array_equal(twice.fixed, 3 * source.fixed)
+    np.testing.assert_array_equal(twice.roots, 3 * source.roots)

@@ -1,0 +1,169 @@
+"""The run of the protocol: its stored draws come out again, and its results follow from them."""
+
+import tomllib
+
+import claims
+import numpy as np
+import pandas as pd
+import pytest
+from scipy import stats
+
+from trinolab.datasets import data_path
+from workbench.studies.claim_draws import TRIALS
+from workbench.studies.protocol import Trial, load_claims, load_trials, logged_hashes
+
+QUICK = (
+    *("concealed", "forecast", "calibration", "one_calibration", "random_pose"),
+    *("rendered_mean", "recorded_instant"),
+)
+ROWS = load_trials()
+DRAWS = pd.read_csv(data_path("claims_draws.csv"))
+RESULTS = pd.read_csv(data_path("claims_results.csv"))
+FROM_THE_CLOCK = {"time_searched"}
+
+
+def draws_come_out_again(name, numbers):
+    stored = claims.draws_of(DRAWS, name)
+    for k in numbers:
+        drawn = TRIALS[name](k, ROWS[name].seed)
+        assert set(drawn) == set(stored[k])
+        for check in set(drawn) - FROM_THE_CLOCK:
+            # six digits are stored, and processors differ in the last ones
+            assert drawn[check] == pytest.approx(stored[k][check], rel=1e-4, abs=1e-6), check
+
+
+@pytest.mark.parametrize("name", QUICK)
+def test_a_stored_draw_comes_out_again(name):
+    draws_come_out_again(name, [0])
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", sorted(set(DRAWS["trial"])))
+def test_every_stored_draw_comes_out_again(name):
+    if name == "slave":
+        pytest.importorskip("mink", reason="the extra 'slave' is missing")
+    draws_come_out_again(name, range(ROWS[name].draws))
+
+
+@pytest.mark.parametrize("name", sorted(set(RESULTS["trial"])))
+def test_results_follow_from_the_stored_draws(name):
+    again = claims.results_of(name, ROWS[name], claims.draws_of(DRAWS, name))
+    stored = RESULTS[RESULTS["trial"] == name].reset_index(drop=True)
+    assert list(again["check"]) == list(stored["check"])
+    numbers = ["value", "low", "high", "n", "draws", "seed"]
+    # both tables have six digits
+    assert np.allclose(again[numbers], stored[numbers], rtol=2e-5, atol=1e-6, equal_nan=True)
+    assert (stored["draws"] == ROWS[name].draws).all()
+    assert (stored["seed"] == ROWS[name].seed).all()
+
+
+def test_every_stored_result_is_a_check_of_its_trial():
+    wanted = {(c.check, c.trial) for c in load_claims() if c.trial}
+    assert set(zip(RESULTS["check"], RESULTS["trial"], strict=True)) <= wanted
+
+
+# --- the intervals
+
+
+def test_a_share_has_wilsons_interval():
+    pairs = np.column_stack([np.arange(20) < 18, np.ones(20)]).astype(float)
+    value, interval = claims.estimated(pairs, "share")
+    expected = stats.binomtest(18, 20).proportion_ci(method="wilson")
+    assert value == 0.9
+    assert (interval.low, interval.high) == pytest.approx((expected.low, expected.high))
+
+
+def test_a_mean_has_students():
+    x = np.array([1.0, 2.0, 4.0, 9.0])
+    value, interval = claims.estimated(np.column_stack([x, np.ones(4)]), "mean")
+    expected = stats.ttest_1samp(x, 0.0).confidence_interval()
+    assert value == 4.0
+    assert (interval.low, interval.high) == pytest.approx((expected.low, expected.high))
+
+
+def test_a_ratio_whose_draws_all_agree_is_not_certain():
+    value, interval = claims.estimated(np.full((24, 2), 3.0), "ratio")
+    expected = stats.binomtest(24, 24).proportion_ci(method="wilson")
+    assert value == 1.0
+    assert (interval.low, interval.high) == pytest.approx((expected.low, expected.high))
+
+
+def test_rms_is_the_root_of_a_ratio():
+    rng = np.random.default_rng(3)
+    pairs = rng.uniform(1, 2, (50, 2))
+    square, around = claims.estimated(pairs, "ratio")
+    root, interval = claims.estimated(pairs, "rms")
+    assert root**2 == pytest.approx(square)
+    assert (interval.low**2, interval.high**2) == pytest.approx((around.low, around.high))
+
+
+@pytest.mark.heavy
+def test_intervals_of_ratios_hold_what_they_say():
+    """Of 300 samples whose true ratio is 0.5 about 95 % have it in their interval."""
+    rng = np.random.default_rng(4)
+    held = 0
+    for _ in range(300):
+        b = rng.uniform(1, 3, 40)
+        pairs = np.column_stack([0.5 * b + rng.normal(0, 0.3, 40), b])
+        _, interval = claims.estimated(pairs, "ratio")
+        held += interval.low <= 0.5 <= interval.high
+    assert 0.90 <= held / 300 <= 0.98
+
+
+# --- the run
+
+
+@pytest.fixture
+def counted(monkeypatch):
+    """A trial's draws without any work; which of them were made."""
+    made = []
+
+    def draw(k, seed):
+        made.append(k)
+        return {"share_concealed": (float(k % 2), 1.0), "plain_mean": (2.0 + k, 2.0)}
+
+    monkeypatch.setattr(claims, "TRIALS", {"concealed": draw})
+    monkeypatch.setattr(claims, "load_trials", lambda: {"concealed": Trial(4, 9, "")})
+    return made
+
+
+def test_draws_are_kept_and_rows_of_other_trials_stay(tmp_path, counted):
+    before = [tmp_path / "r.csv", tmp_path / "d.csv"]
+    RESULTS[RESULTS["trial"] == "forecast"].to_csv(before[0], index=False)
+    for _ in range(2):
+        results, every = claims.make_tables(tmp_path / "kept", before, ["concealed"])
+    assert counted == [0, 1, 2, 3]
+    assert set(results["trial"]) == {"forecast", "concealed"}
+    table = results.set_index("check")
+    assert table.loc["share_concealed", "value"] == 0.5
+    assert table.loc["plain_mean", "n"] == 4
+    assert len(every) == 8
+    assert claims.draws_of(every, "concealed")[3]["plain_mean"] == (5.0, 2.0)
+
+
+def test_an_unknown_trial_is_one_line(tmp_path, counted):
+    with pytest.raises(ValueError, match="trial: expected one of concealed, got 'no'"):
+        claims.make_tables(tmp_path, [], ["no"])
+
+
+def test_a_check_without_a_draw_is_nan():
+    value, interval = claims.estimated(np.empty((0, 2)), "ratio")
+    assert np.isnan([value, interval.low, interval.high]).all()
+
+
+def test_draws_that_say_nothing_of_a_check_do_not_count():
+    of_nothing = {str(c.check): (0.0, 0.0) for c in claims.checks_of("concealed")}
+    one = {**dict.fromkeys(of_nothing, (1.0, 1.0)), "plain_mean": (3.0, 4.0)}
+    found = claims.results_of("concealed", Trial(3, 7, ""), [of_nothing, one, of_nothing])
+    row = found.set_index("check").loc["plain_mean"]
+    assert row["value"] == pytest.approx(np.sqrt(3 / 4))  # an rms
+    assert (row["n"], row["draws"], row["seed"]) == (1, 3, 7)
+
+
+def test_the_printed_hashes_are_those_of_the_log(monkeypatch, capsys):
+    """As lines of TOML, to be put there."""
+    some = [claim for claim in load_claims() if claim.no in ("1", "11a")]
+    monkeypatch.setattr(claims, "load_claims", lambda: some)
+    claims.print_hashes()
+    expected = {number: logged_hashes()[number] for number in ("1", "11a")}
+    assert tomllib.loads(capsys.readouterr().out) == expected

@@ -1,0 +1,138 @@
+"""The rules that pair spots, by brute force, and what their table counts."""
+
+from itertools import permutations
+
+import match_rivals as script
+import numpy as np
+import pandas as pd
+import pytest
+
+from trinolab.datasets import load_sweep
+from workbench.studies import match_rivals
+from workbench.studies.match_rivals import Spots
+
+
+@pytest.fixture
+def spots():
+    """Pairs of few spots, more on one side than on the other."""
+    rng = np.random.default_rng(4)
+    return [
+        Spots(rng.uniform(0, 4, (n, m)), rng.uniform(-1, 1, (n, m)))
+        for n, m in ((3, 3), (4, 2), (2, 5), (5, 5), (1, 1))
+        for _ in range(20)
+    ]
+
+
+def as_set(pairs):
+    return {tuple(pair) for pair in pairs.tolist()}
+
+
+def best_by_trial(score, allowed):
+    """The pairs of which neither spot has a better partner, by looking at each."""
+    found = set()
+    for i, j in np.argwhere(allowed).tolist():
+        rivals = [score[i, b] for b in range(score.shape[1]) if allowed[i, b]]
+        rivals += [score[a, j] for a in range(score.shape[0]) if allowed[a, j]]
+        if score[i, j] >= max(rivals):
+            found.add((i, j))
+    return found
+
+
+def test_a_pair_of_both_directions_has_no_better_partner(spots):
+    scores = {
+        match_rivals.by_line: lambda D, S: -D,
+        match_rivals.by_looks: lambda D, S: S,
+        match_rivals.by_line_and_looks: lambda D, S: S - D / 4,
+    }
+    for rule, score in scores.items():
+        pairs = [len(rule(one, 2.0)) for one in spots]
+        assert sum(pairs) > 100
+        for D, S in spots:
+            assert as_set(rule(Spots(D, S), 2.0)) == best_by_trial(score(D, S), D < 2.0)
+
+
+def test_the_best_set_is_the_best_of_all_sets(spots):
+    for D, S in spots:
+        value = np.where(D < 2.0, np.maximum(S - D / 4, 0), 0)
+        n, m = value.shape
+        if n > m:
+            value = value.T
+        best = max(
+            sum(value[i, j] for i, j in enumerate(chosen))
+            for chosen in permutations(range(max(n, m)), min(n, m))
+        )
+        pairs = match_rivals.best_set(Spots(D, S), 2.0)
+        scores = S[tuple(pairs.T)] - D[tuple(pairs.T)] / 4
+        assert (scores > 0).all()
+        assert (D[tuple(pairs.T)] < 2.0).all()
+        assert abs(scores.sum() - best) < 1e-12
+        for column in pairs.T:
+            assert len(set(column.tolist())) == len(column)
+
+
+def test_no_spot_no_pair():
+    nothing = Spots(np.zeros((0, 3)), np.zeros((0, 3)))
+    assert [len(rule(nothing, 2.0)) for rule in match_rivals.RULES.values()] == [0, 0, 0, 0]
+    assert len(match_rivals.by_layout(np.array([], int), np.array([1]))) == 0
+
+
+def test_counts_by_hand():
+    """Left spots are the markers 3, none, 5 and 7; right ones 7, 5, none. Marker 7 is turned away."""
+    shot = match_rivals.Shot(
+        None, (), (np.array([3, -1, 5, 7]), np.array([7, 5, -1])), ({3, 5}, {5, 7})
+    )
+    pairs = np.array([[3, 0], [1, 2], [0, 1]])  # right, two that are none, wrong
+    assert match_rivals.counts(shot, 0, 1, pairs) == {
+        "given": 3,
+        "wrong": 2,
+        "due": 1,
+        "missing": 1,
+    }
+    assert as_set(match_rivals.by_layout(*shot.labels)) == {(2, 1), (3, 0)}
+
+
+def test_a_share_of_nothing_has_an_interval():
+    """Of 300 pairs without a wrong one 1.3 % may be wrong (Wilson, 1.96^2 / (n + 1.96^2))."""
+    draws = pd.DataFrame(
+        {
+            "instants": 12,
+            "given": [100, 200],
+            "wrong": 0,
+            "due": [50, 50],
+            "missing": [5, 10],
+        }
+    )
+    row = script.shares(draws)
+    assert (row["given"], row["wrong"], row["missing"], row["draws"]) == (300, 0, 15, 2)
+    assert row["wrong_percent_low"] == 0
+    assert abs(row["wrong_percent_high"] - 100 * 1.96**2 / (300 + 1.96**2)) < 0.01
+    # drawn again, the two are 5, 10 or 5 and 10 of 50 each
+    missing = [row[f"missing_percent{end}"] for end in ("", "_low", "_high")]
+    assert missing == [15, 10, 20]
+
+
+def test_the_shipped_table_says_what_the_chapter_says():
+    """By rows of the same spots: gates and rules differ, the pairs to be found do not."""
+    table = load_sweep("match_rivals")
+    assert set(table.due) == {1489}
+    assert len(table) == len(script.LEVELS_PX) * len(script.GATES_PX) * 7
+    rows = table.set_index(["calibration_px", "gate_px", "rule"])
+    exact = rows.loc[0.0, 2.0]
+    assert exact.wrong_percent["line"] < exact.wrong_percent["four constraints"]
+    assert exact.missing_percent_high["line"] < exact.missing_percent_low["four constraints"]
+    assert exact.missing_percent_low["layout"] > 5
+    half = rows.loc[0.5, 2.0]
+    assert half.wrong_percent_low["line"] > half.wrong_percent_high["best set"]
+    layout = table[table.rule.str.startswith("layout")]
+    assert layout.wrong.sum() == 0
+
+
+@pytest.mark.heavy
+def test_the_shipped_table_is_made_again():
+    """Its first draw."""
+    found = pd.DataFrame(script.one_draw(0))
+    shipped = load_sweep("match_rivals")
+    columns = ["calibration_px", "gate_px", "rule"]
+    assert found[columns].to_numpy().tolist() == shipped[columns].to_numpy().tolist()
+    assert (found.given <= shipped.given).all()
+    assert found.groupby("rule").due.unique().map(tuple).nunique() == 1

@@ -1,0 +1,144 @@
+"""The carrier of tables: rows of a trial, draws, what is kept, and what a test makes again."""
+
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+
+from workbench.studies import carrier
+from workbench.studies.carrier import Table, make_tables
+from workbench.sweep import runs
+
+DONE = []
+STOP_AT = []
+
+
+@pytest.fixture(autouse=True)
+def fresh(monkeypatch):
+    monkeypatch.setattr(runs, "figure", lambda found: b"")  # what it shows is tested with sweeps
+    DONE.clear()
+    STOP_AT.clear()
+
+
+def power(base, exponent):
+    """A row, or two for the base 3."""
+    row = {"name": "power", "value": base**exponent}
+    return [row, {"name": "root", "value": base ** (1 / exponent)}] if base == 3 else row
+
+
+def scattered(size, draw):
+    if draw in STOP_AT:
+        raise KeyboardInterrupt
+    DONE.append((size, draw))
+    return {"value": size + draw, "unit": "mm"}
+
+
+def mean_and_count(draws):
+    return {"n": len(draws), "value": draws["value"].mean()}
+
+
+POWERS = Table(
+    "powers", power, [{"base": [2, 3], "exponent": [1, 2]}], by=("base", "exponent", "name")
+)
+SCATTER = Table(
+    "scatter",
+    scattered,
+    [{"size": [1.0], "draw": [0]}, {"size": [5.0, 7.0]}],
+    by=("size",),
+    draws=3,
+    summary=mean_and_count,
+    again={"size": 7.0},
+)
+
+
+def test_a_trial_may_give_several_rows_and_each_has_its_setting():
+    assert POWERS.make().to_dict("records") == [
+        {"base": 2, "exponent": 1, "name": "power", "value": 2},
+        {"base": 2, "exponent": 2, "name": "power", "value": 4},
+        {"base": 3, "exponent": 1, "name": "power", "value": 3},
+        {"base": 3, "exponent": 1, "name": "root", "value": 3},
+        {"base": 3, "exponent": 2, "name": "power", "value": 9},
+        {"base": 3, "exponent": 2, "name": "root", "value": pytest.approx(3**0.5)},
+    ]
+
+
+def test_columns_are_chosen_and_ordered():
+    table = replace(POWERS, columns=("value", "base")).make()
+    assert list(table) == ["value", "base"]
+
+
+def test_a_setting_that_does_not_identify_a_row_is_left_out():
+    assert list(replace(POWERS, by=("base", "name")).make()) == ["base", "name", "value"]
+
+
+def test_draws_are_summed_up_row_by_row():
+    assert SCATTER.make().to_dict("records") == [
+        {"size": 1.0, "n": 1, "value": 1.0},
+        {"size": 5.0, "n": 3, "value": 6.0},
+        {"size": 7.0, "n": 3, "value": 8.0},
+    ]
+    assert SCATTER.make(draws=5)["n"].tolist() == [1, 5, 5]
+
+
+def test_one_setting_is_made_again():
+    assert SCATTER.make_again().to_dict("records") == [{"size": 7.0, "n": 3, "value": 8.0}]
+    assert DONE == [(7.0, 0), (7.0, 1), (7.0, 2)]
+
+
+def test_what_is_finished_is_taken_up_and_no_table_is_half_written(tmp_path):
+    kept = tmp_path / "kept"
+    STOP_AT.append(2)
+    with pytest.raises(KeyboardInterrupt, match="2 of 6 runs are kept"):
+        make_tables([SCATTER], tmp_path, kept)
+    assert not (tmp_path / "scatter.csv").exists()
+    STOP_AT.clear()
+    DONE.clear()
+    make_tables([SCATTER, POWERS], tmp_path, kept)
+    assert DONE == [(5.0, 2), (7.0, 0), (7.0, 1), (7.0, 2)]
+    assert (tmp_path / "scatter.csv").read_text() == "size,n,value\n1,1,1\n5,3,6\n7,3,8\n"
+    assert len(pd.read_csv(tmp_path / "powers.csv")) == 6
+    assert not list(kept.iterdir())
+
+
+def test_processes_give_the_same(tmp_path):
+    made = script_of(tmp_path).TABLES[0].make(workers=2)
+    assert made.to_dict("records") == [{"x": 1, "square": 1}, {"x": 2, "square": 4}]
+
+
+SQUARES = """
+from workbench.studies.carrier import Table
+
+def square(x):
+    return {"square": x * x}
+
+TABLES = [Table("squares_of_a_test", square, [{"x": [1, 2]}], by=("x",))]
+"""
+
+
+def script_of(folder):
+    """A script as in ``data/tables``."""
+    (folder / "tables").mkdir()
+    (folder / "tables" / "squares_of_a_test.py").write_text(SQUARES)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(carrier, "data_path", lambda: folder)
+        return carrier.script("squares_of_a_test")
+
+
+def test_some_tables_are_made_and_an_unknown_one_is_refused(tmp_path):
+    make_tables([SCATTER, POWERS], tmp_path, tmp_path / "kept", ["powers"])
+    assert not (tmp_path / "scatter.csv").exists()
+    with pytest.raises(ValueError, match="name: expected one of scatter, powers, got 'colour'"):
+        make_tables([SCATTER, POWERS], tmp_path, tmp_path / "kept", ["colour"])
+
+
+def test_a_run_that_fails_is_said_and_no_table_is_written(tmp_path):
+    failing = replace(POWERS, grids=[{"base": [0, 2], "exponent": [-1]}])
+    with pytest.raises(ValueError, match=r"1 of 2 runs failed; the first: ZeroDivisionError"):
+        make_tables([failing], tmp_path, tmp_path / "kept")
+    assert not (tmp_path / "powers.csv").exists()
+
+
+def test_a_script_of_a_checkout_is_missed_where_the_package_is_installed(tmp_path, monkeypatch):
+    monkeypatch.setattr(carrier, "data_path", lambda: tmp_path)
+    with pytest.raises(ValueError, match="elevation: its script is in data/tables of the repo"):
+        carrier.script("elevation")
