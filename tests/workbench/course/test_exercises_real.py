@@ -275,8 +275,8 @@ def test_epipolar_lines_of_two_real_cameras(corners):
     gives("06.9", mean_px=54 * mean)
     says("06.9", f"{mean:.3f} px from their lines", "a seventeenth of the gate of 2 px")
     assert 2 / mean == pytest.approx(17, abs=0.5 + 0.01)
-    says("06.9", f"in the mean, {strangers.mean():.2f}, and {strangers.max():.2f} in the first")
-    says("06.9", f"are {bent:.2f} px off in the mean, and up to {np.max(raw):.0f} px")
+    says("06.9", f"on average, {strangers.mean():.2f}, and {strangers.max():.2f} in the first")
+    says("06.9", f"miss their lines by {bent:.2f} px on average, and by up to {np.max(raw):.0f} px")
     # a row of the board, 9 corners: how far it climbs from its first to its last
     climbs = np.mean([np.abs(side[:, 8, 1] - side[:, 0, 1]) for side in uv], axis=0)
     assert strangers.argmax() == climbs.argmin() == 0
