@@ -17,6 +17,7 @@ COVERED = (
     "book/design.md",
     "book/style.md",
     "book/decisions/*.md",
+    "notebooks/0[1-6]*.ipynb",
 )
 UNITS = r"\d (?:mm|µm|px|ms|s|deg|%|[kMG]B)"
 PARTS = "(?:axis|camera|cell|chapter|frame|image|instant|marker|pixel|row|run|step|view)"

@@ -120,7 +120,7 @@ def test_the_other_rod_has_other_points_and_one_pose():
         int(re.match(r"(\d+) points from pairs", printed(found, "structure-32"))[1])
         for found in (ours, other)
     ]
-    says("01.4", f"There are {points[1]} points from pairs in place of {points[0]}.")
+    says("01.4", f"There are {points[1]} points from pairs instead of {points[0]}.")
     asked = {name: one.value for name, one in exercise("01.4").asked.items()}
     assert asked["points"] == points[1]
     (table,) = (
@@ -139,5 +139,5 @@ def test_the_other_rod_has_other_points_and_one_pose():
 def test_more_parallel_cameras_share_more_markers():
     """Exercise 2.4: the poses of 20 in which two of the textbook's cameras share four markers."""
     ours, parallel = (run("02_workspace", beta_deg=beta).results for beta in (45.0, 75.0))
-    says("02.4", f"all {parallel['enough']:.0f} poses have four, in place of {ours['enough']:.0f}.")
+    says("02.4", f"all {parallel['enough']:.0f} poses have four, instead of {ours['enough']:.0f}.")
     assert exercise("02.4").asked["poses"].value == parallel["enough"]

@@ -45,13 +45,13 @@ def test_a_stage_and_a_puppet():
         left_ms=delay - 40 - waits,
     )
     says("01.6", f"A marker of 15 mm is then {right[0] - left[0]:.1f} px wide")
-    says("01.6", f"40 ms are the robot's and {waits:.1f} ms the wait: {delay - 40 - waits:.0f} ms")
+    says("01.6", f"the robot takes 40 ms and the wait {waits:.1f} ms: {delay - 40 - waits:.0f} ms")
     says(
         "01.6",
-        f"and a quarter less at the far side of the space, {3000 / (1 - 0.25) / 1000:.0f} m away",
+        f"and a quarter less at the far side, {3000 / (1 - 0.25) / 1000:.0f} m away",
     )
     says("01.6", f"an exposure of 10 ms leave {delay - 40 - waits - 10:.0f} ms")
-    says("01.6", f"twice the rate gives {waits / 2:.0f} ms back")
+    says("01.6", f"doubling the rate gives {waits / 2:.0f} ms back")
 
 
 def test_a_bench_for_a_volume():
@@ -88,7 +88,7 @@ def test_a_bench_for_a_volume():
     assert triangulate_pair(*pair, *uv)[:, 2].std() == pytest.approx(best, rel=0.05)
     says(
         "02.7",
-        f"there asks for $B \\ge {shortest:.1f}$ mm",
+        f"there requires $B \\ge {shortest:.1f}$ mm",
         f"there are {longest - shortest:.0f} mm",
     )
     says("02.7", f"the far end is known to {best:.3f} mm")

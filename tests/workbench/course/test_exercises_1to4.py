@@ -113,7 +113,7 @@ def test_a_rate_forgets_and_remembers_in_time():
     one = exercise("03.4").solution
     least, _ = one(22.5, 1.0, 45.0, 0.1, 15.0, 30.0)
     _, most = one(22.5, 1e3, 45.0, 5.0, 15.0, 30.0)
-    says("03.4", f"at least {least:.4f}, the hand for at most {most:.4f}: there is no such rate")
+    says("03.4", f"at least {least:.4f}, the hand at most {most:.4f}: there is no such rate")
     assert np.isnan(one(22.5, 1.0, 45.0, 5.0, 15.0, 30.0)).all()
     seen_s = max(
         s for s in np.arange(0.1, 5, 0.01) if np.isfinite(one(22.5, 1, 45, s, 15, 30)).all()
@@ -142,7 +142,7 @@ def test_a_vague_filter_of_one_number_takes_the_mean():
     refused = np.array(one([10.0] * 40, 0.0, 0.01, 1.0, 1.0)) == 0
     assert refused.sum() == 10
     assert not refused[10:].any()
-    says("04.2", "ten observations are refused, and the eleventh is believed")
+    says("04.2", "ten observations are refused, and the eleventh is accepted")
 
 
 def asked(number):

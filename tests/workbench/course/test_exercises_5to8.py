@@ -169,7 +169,7 @@ def test_noise_costs_the_correlation_that_is_expected():
         views = [patch + rng.normal(0, sigma, patch.shape) for sigma in (left, right)]
         assert abs(matching.ncc(*views) - solution(patch, left, right)) < 0.005
     assert abs(solution([[9.0, -9.0]], 3.0, 3.0) - 0.9) < 1e-12
-    says("06.4", "a patch whose grey levels scatter by 9")
+    says("06.4", "a patch whose grey levels have a standard deviation of 9")
 
 
 def test_the_values_of_chapter_6():

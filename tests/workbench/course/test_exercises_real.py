@@ -102,7 +102,9 @@ def test_who_sees_the_board():
     says("02.6", f"{shares[2]:.2f} % are seen by two cameras or more, {shares[3]:.2f} % by three")
     says("02.6", f"{shares[4]:.2f} % by all four", f"share {shared[best]} corners")
     says("02.6", f"axes are {angle_deg(*best):.1f}° apart")
-    says("02.6", f"{angle_deg(0, 2):.0f}° apart, see nearly the same and share {shared[0, 2]}")
+    says(
+        "02.6", f"{angle_deg(0, 2):.0f}° apart, see nearly the same region and share {shared[0, 2]}"
+    )
 
 
 @needs("opencv_stereo")
@@ -148,11 +150,14 @@ def test_one_more_step_like_the_last():
     best = {"best_median": min(medians, key=medians.get), "best_rms": min(squares, key=squares.get)}
     agrees("04.7", **soon, **best)
     gives("04.7", speed_mm=np.mean(off(2, 3) ** 2) ** 0.5)
-    says("04.7", f"Over 30 ms the hand goes {soon['place_mm']:.1f} mm in the median")
-    says("04.7", f"is {soon['speed_mm']:.2f} mm off, the parabola {soon['acceleration_mm']:.2f} mm")
+    says("04.7", f"Over 30 ms the hand moves {soon['place_mm']:.1f} mm (median)")
+    says(
+        "04.7",
+        f"has an error of {soon['speed_mm']:.2f} mm, the parabola {soon['acceleration_mm']:.2f} mm",
+    )
     first, second, third = medians.values()
-    says("04.7", f"the three are {first:.0f}, {second:.1f} and {third:.1f} mm off in the median")
-    says("04.7", "{:.0f}, {:.0f} and {:.0f} mm in the root mean square".format(*squares.values()))
+    says("04.7", f"the median errors are {first:.0f}, {second:.1f} and {third:.1f} mm")
+    says("04.7", "the root mean squares {:.0f}, {:.0f} and {:.0f} mm".format(*squares.values()))
 
     way = np.linalg.norm(places[10:] - places[:-10], axis=1)
     first, later = (Rotation.from_quat(part) for part in (rows[:-10, 4:], rows[10:, 4:]))
@@ -206,7 +211,7 @@ def test_a_window_about_a_particle():
         window = image[v - 6 : v + 7, u - 6 : u + 7]
         row, column = ndimage.center_of_mass(np.maximum(window - np.percentile(window, 75), 0))
         apart.append(np.hypot(u - 6 + column - place[0], v - 6 + row - place[1]))
-    says("05.7", f"below it, has {np.median(apart):.2f} px with 13 pixels")
+    says("05.7", f"below it, gives {np.median(apart):.2f} px with 13 pixels")
 
 
 @needs("trackpy_particles")
@@ -270,8 +275,8 @@ def test_epipolar_lines_of_two_real_cameras(corners):
     gives("06.9", mean_px=54 * mean)
     says("06.9", f"{mean:.3f} px from their lines", "a seventeenth of the gate of 2 px")
     assert 2 / mean == pytest.approx(17, abs=0.5 + 0.01)
-    says("06.9", f"in the mean, {strangers.mean():.2f}, and {strangers.max():.2f} in the first")
-    says("06.9", f"are {bent:.2f} px off in the mean, and up to {np.max(raw):.0f} px")
+    says("06.9", f"on average, {strangers.mean():.2f}, and {strangers.max():.2f} in the first")
+    says("06.9", f"miss their lines by {bent:.2f} px on average, and by up to {np.max(raw):.0f} px")
     # a row of the board, 9 corners: how far it climbs from its first to its last
     climbs = np.mean([np.abs(side[:, 8, 1] - side[:, 0, 1]) for side in uv], axis=0)
     assert strangers.argmax() == climbs.argmin() == 0

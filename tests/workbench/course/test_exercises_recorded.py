@@ -116,12 +116,15 @@ def test_the_second_lamp_of_chapter_3():
     agrees("03.6", "false_left", on_left[0])
     agrees("03.6", "tiles_missed", by_tiles[1])
 
-    says("03.6", f"{on_right[0]:.1f} % of the bench are false in the mean of frames 30 to 59")
+    says("03.6", f"{on_right[0]:.1f} % of the bench are false on average over frames 30 to 59")
     says("03.6", f"and {on_right[2]:.0f} % in the last")
-    says("03.6", f"only {on_left[0]:.2f} % are false, but {on_left[1]:.1f} % of what moves are")
+    says(
+        "03.6",
+        f"only {on_left[0]:.2f} % are false, but {on_left[1]:.1f} % of the moving pixels are",
+    )
     says("03.6", f"Tiles cure the lamp: {by_tiles[0]:.1f} % are false.")
     by_medians = watched(right, empty, truths, medians)
-    says("03.6", f"{by_tiles[1]:.0f} % of what moves are missed ({by_medians[1]:.0f} % if a tile")
+    says("03.6", f"{by_tiles[1]:.0f} % of the moving pixels are missed ({by_medians[1]:.0f} % with")
     much, little = (watched(right, empty, truths, mended(share)) for share in (0.85, 0.7))
     says("03.6", f"then {much[1]:.2f} % are missed and {much[0]:.1f} % are false.")
     says("03.6", f"At 70 % it is still {little[1]:.0f} % missed")

@@ -112,13 +112,14 @@ def test_centroids_that_are_moved():
 
     _, mm, deg = of_row_10[0]
     says(
-        "05.5", f"is {mm[0]:.2f} mm and {deg[0]:.2f}° off before, {mm[1]:.2f} mm and {deg[1]:.2f}°"
+        "05.5",
+        f"errors of {mm[0]:.2f} mm and {deg[0]:.2f}° before, {mm[1]:.2f} mm and {deg[1]:.2f}° after",
     )
-    says("05.5", f"`measure` itself is {mm[2]:.3f} mm off in row 10")
+    says("05.5", f"The error of `measure` itself is {mm[2]:.3f} mm in row 10")
     positions = np.array([mm for _, mm, _ in of_rows])
     assert np.all(positions[:, 1] > positions[:, 0])
     before, after, _ = np.sqrt((positions**2).mean(axis=0))
-    says("05.5", f"farther off than before (rms {before:.2f} and {after:.2f} mm)")
+    says("05.5", f"becomes worse (rms {before:.2f} and {after:.2f} mm)")
 
 
 RIG = datasets.load_rig("paper_pair")
