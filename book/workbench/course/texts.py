@@ -1,6 +1,6 @@
-"""What a chapter tells of its exercises: statement, three hints and solution of each.
+"""What a chapter tells of its exercises: statement, two hints and solution of each.
 
-In a chapter's markdown an exercise is five blocks in this order, and this module reads them::
+In a chapter's markdown an exercise is four blocks in this order, and this module reads them::
 
     ```{exercise} 4.2 Write it yourself: a filter of one number
     :label: ex-kalman-write
@@ -9,12 +9,10 @@ In a chapter's markdown an exercise is five blocks in this order, and this modul
     ...
     ```{hint} Second hint to 4.2
     ...
-    ```{hint} Third hint to 4.2
-    ...
     ```{solution} ex-kalman-write
     ...
 
-The first hint asks a question, the second names the idea, and the third says how to begin. None of
+The first hint asks a question, and the second names the idea. Neither of
 them is the solution.
 """
 
@@ -37,7 +35,7 @@ KIND_OF = {
     "Real recording": "recording",
     "Open design": "design",
 }
-HINTS = ("First", "Second", "Third")
+HINTS = ("First", "Second")
 OPENING = re.compile(r"^(`{3,})\{(exercise|hint|solution)\} *(.*)$")
 OPTION = re.compile(r"^:([\w-]+): *(.*)$")
 TITLE = re.compile(rf"^(\d+)\.(\d+) ({'|'.join(KIND_OF)}): (.+)$")
@@ -82,7 +80,7 @@ class ExerciseText(NamedTuple):
     label
         Of the block.
     statement, hints, solution
-        In the chapter's markdown; the hints are three.
+        In the chapter's markdown; the hints are two.
     """
 
     number: str

@@ -113,7 +113,7 @@ def test_exercises_are_whole():
 
 
 def test_the_chapters_tell_the_same_exercises():
-    """Number, kind, title and label; each with three hints and its solution, in this order."""
+    """Number, kind, title and label; each with two hints and its solution, in this order."""
     for chapter in CHAPTERS:
         found = re.findall(
             r"^```\{exercise\} (\d+\.\d) ([\w ]+): (.+)\n:label: (\S+)\n:nonumber:\n",
@@ -135,11 +135,11 @@ def test_the_chapters_tell_the_same_exercises():
         blocks = re.findall(
             r"^```\{(?:exercise|hint|solution)\} (.+)$", text_of(chapter), re.MULTILINE
         )
-        assert len(blocks) == 5 * len(ours)
+        assert len(blocks) == 4 * len(ours)
         for k, one in enumerate(ours):
             shown = one.number.lstrip("0")
-            hints = [f"{which} hint to {shown}" for which in ("First", "Second", "Third")]
-            assert blocks[5 * k + 1 : 5 * k + 5] == [*hints, one.label], one.number
+            hints = [f"{which} hint to {shown}" for which in ("First", "Second")]
+            assert blocks[4 * k + 1 : 4 * k + 4] == [*hints, one.label], one.number
 
 
 def plainly(heading):

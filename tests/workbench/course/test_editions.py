@@ -48,11 +48,6 @@ What grows?
 The variance.
 ```
 
-```{hint} Third hint to 4.2
-:class: dropdown
-Add.
-```
-
 ```{solution} ex-kalman-write
 :class: dropdown
     return means
@@ -72,10 +67,10 @@ def test_an_exercise_is_read_from_its_chapter():
     (one,) = texts_of(chapter_of(FORM), "04.ipynb")
     assert one[:4] == ("04.2", "write", "A filter of one number", "ex-kalman-write")
     assert one.statement.startswith("Write a function.\n\nCheck it")
-    assert one.hints == ("What grows?", "The variance.", "Add.")
+    assert one.hints == ("What grows?", "The variance.")
     assert one.solution == "    return means\n\nBecause."
     left = without_solutions(FORM, "04.ipynb")
-    assert left.endswith("Add.\n```\n\n## Takeaways")
+    assert left.endswith("The variance.\n```\n\n## Takeaways")
     assert without_solutions(left, "04.ipynb") == left
 
 

@@ -28,7 +28,7 @@ def quoted(hint):
 
 
 def given_away(one):
-    """What the second and the third hint have of the solution; the first may name what to call."""
+    """What the second hint has of the solution; the first may name what to call."""
     solution, statement = bare(one.solution), bare(one.statement)
     parts = [part for hint in one.hints[1:] for part in quoted(hint)]
     return [part for part in parts if part in solution and part not in statement]
