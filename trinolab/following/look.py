@@ -307,7 +307,7 @@ def _fitted_moving(
     else:
         start = _displaced_start(images, followed.guess, setup._replace(rig=near))
     blur = _expected_blur(motion, p)
-    if is_new(motion, p.motion):
+    if not motion.rates.any():
         blur = _smear_motion(images, followed, start.translation, setup._replace(rig=near)), blur[1]
 
     def fit_at(near: Rig, start: RigidTransform, is_far: bool = False) -> Fit | None:

@@ -248,7 +248,9 @@ def step(
             break
         followed = follow(images, guess, setup, state.rig, work)
         best = _better(best, followed, setup)
-    if best is not None and (all_tried or _enough_cameras(best, rig)):
+    # a motion that has just begun may continue nearly anywhere: few cameras say little then
+    may_be_chance = posefilter.is_new(state.motion, p.motion) and not all_tried
+    if best is not None and (_enough_cameras(best, rig) or not may_be_chance):
         return _measured(best, state.unambiguous, handle, p)
     if t - state.last_measured.t_s > p.memory_s + 1e-9:  # times are rounded
         return _begun(images, t, state.rig, setup, search, work)
