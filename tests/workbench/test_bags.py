@@ -1,5 +1,6 @@
 """A recording as a ROS 2 bag, read back by another reader (mcap), and tracked from it."""
 
+import shutil
 import signal
 from dataclasses import replace
 from functools import cache
@@ -15,6 +16,7 @@ from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, paper_rig
 from trinolab.files import recorder
 from trinolab.files.images import read_greys
+from trinolab.files.outputs import table_text
 from trinolab.files.poses import pose_table, write_poses
 from trinolab.files.recording import open_folder
 from trinolab.files.rigs import handle_text, read_rig, write_rig
@@ -93,6 +95,18 @@ def contents(bag):
         for _, channel, message, content in made.iter_decoded_messages():
             found.setdefault(channel.topic, []).append((message.log_time, content))
     return found
+
+
+def test_a_bag_of_times_since_1970_keeps_them(folder, tmp_path):
+    times = 1.7e9 + np.arange(COUNT) / FPS
+    shutil.copytree(folder, tmp_path / "r")
+    (tmp_path / "r" / "timestamps.csv").write_text(
+        table_text(pd.DataFrame({"frame": range(COUNT), "t_s": times}))
+    )
+    write_bag(tmp_path / "r", tmp_path / "bag")
+    unpack_bag(tmp_path / "bag", tmp_path / "back")
+    back, _ = open_folder(tmp_path / "back")
+    assert np.allclose(back.times_s, times, rtol=0, atol=1e-6)
 
 
 def vector(one):

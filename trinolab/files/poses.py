@@ -19,7 +19,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from ..metrics import euler_deg
 from ..pose import Pose
 from .inputs import read_csv
-from .outputs import write_whole
+from .outputs import table_text, write_whole
 from .rigs import covariance_path
 
 POSE_COLUMNS = (
@@ -114,7 +114,7 @@ def write_poses(table: pd.DataFrame, path: str | Path) -> None:
 
 def poses_text(table: pd.DataFrame) -> str:
     """What the CSV file of a pose table says."""
-    return table.to_csv(index=False, float_format="%.9g")
+    return table_text(table)
 
 
 def write_tum(table: pd.DataFrame, path: str | Path) -> None:
