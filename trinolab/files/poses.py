@@ -170,7 +170,12 @@ def read_poses(path: str | Path) -> pd.DataFrame:
         negative or repeated, an unknown status, a pose that is incomplete or whose quaternion has
         not length 1.
     """
-    return as_poses(read_csv(path), path)
+    table = read_csv(path)
+    if "frame" not in table and len(str(table.columns[0]).split()) == 8:
+        raise ValueError(
+            f"{path}: is a TUM file, whose poses have times and no frames; give a table of poses (CSV)"
+        )
+    return as_poses(table, path)
 
 
 def as_poses(table: pd.DataFrame, path: str | Path) -> pd.DataFrame:
