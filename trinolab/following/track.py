@@ -60,7 +60,7 @@ def track_files(
     sources: Mapping[str, str | Path],
     out: str | Path,
     start: str | Path | None = None,
-    fps: float = 30.0,
+    fps: float | None = None,
     timestamps: str | Path | None = None,
     method: str = DEFAULT,
     progress: bool = True,
@@ -81,8 +81,8 @@ def track_files(
     start : path, optional
         CSV of poses known at some frames: at the first one for a handle that looks alike from
         several sides.
-    fps : float
-        Frames a second, where there are no timestamps.
+    fps : float, optional
+        Frames a second, where there are no timestamps; without it what the videos state, or else 30.
     timestamps : path, optional
         CSV with the columns ``frame`` and ``t_s``.
     method : str

@@ -77,7 +77,7 @@ FOOTAGE = option(
     "--handle and --video are needed. track reads a ROS 2 bag as well",
     nargs="?",
 )
-FPS = option("--fps F", "frames a second (default: %(default)s)", default=30.0)
+FPS = option("--fps F", "frames a second (default: what the videos state, or else 30)")
 HANDLE = option(
     "--handle HANDLE.toml",
     "the handle and its markers: a file, or a shipped one by its name, as coded",
