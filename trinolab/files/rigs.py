@@ -20,13 +20,17 @@ import tomli_w
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance
-from ..checks import as_array, as_number
+from ..checks import Array, as_array, as_number
 from ..handle import Handle
 from . import limits
 from .inputs import get, read_toml
 from .outputs import write_together, write_whole
 
 NEAREST_MM = 1e-6  # of two cameras
+# of the two cameras that are farthest apart: beyond, it is likely another unit
+NEAR_MM, FAR_MM = 10.0, 1e5
+SHORTEST = 0.1  # focal length, as a share of the image's longer side
+OFF_CENTRE = 0.1  # principal point from the image's middle, as a share of that side
 COVARIANCE_FORMAT = "trinolab rig covariance 1"
 
 
@@ -52,6 +56,7 @@ def read_rig(path: str | Path) -> Rig:
         metadata = tables.get("metadata", {})
         rig = Rig(tuple(_cameras(tables, path)), reprojection_px=_reprojection_px(metadata))
         _check_places(rig)
+        _check_distances(rig)
         exact = isinstance(metadata, dict) and metadata.get("exact", False)
         if exact not in (True, False):
             raise ValueError(f"[metadata]: exact: expected true or false, got {exact!r}")
@@ -207,6 +212,40 @@ def _check_places(rig: Rig) -> None:
             )
 
 
+def _check_distances(rig: Rig) -> None:
+    """Ask about places that are likely not in mm."""
+    widest = max(
+        float(np.linalg.norm(rig.cameras[i].centre - rig.cameras[j].centre)) for i, j in rig.pairs
+    )
+    if not NEAR_MM <= widest <= FAR_MM:
+        raise ValueError(
+            f"translation: the cameras are at most {widest:.3g} mm apart; is it in "
+            f"{'metres' if widest < NEAR_MM else 'micrometres'}? Expected mm"
+        )
+
+
+def _check_units(camera: Camera, rotvec: Array) -> None:
+    """Ask about a camera's numbers that are likely in another unit."""
+    turn = float(np.linalg.norm(rotvec))
+    if turn > 2 * np.pi:
+        raise ValueError(
+            f"rotation: {turn:.4g} rad is beyond a turn; is it in degrees? Expected rad"
+        )
+    size, K = np.array(camera.size, float), np.asarray(camera.matrix)
+    focal, centre, longer = K[[0, 1], [0, 1]], K[:2, 2], size.max()
+    if focal.min() < SHORTEST * longer:
+        raise ValueError(
+            f"matrix: a focal length of {focal.min():.4g} px for an image of {camera.size[0]} x "
+            f"{camera.size[1]}; is it in mm, or a share of the image? Expected pixels"
+        )
+    off, off_turned = np.linalg.norm(centre - size / 2), np.linalg.norm(centre - size[::-1] / 2)
+    if off > OFF_CENTRE * longer and off_turned < off / 4:
+        raise ValueError(
+            f"size: the principal point ({centre[0]:.5g}, {centre[1]:.5g}) is the middle of an image of "
+            f"{camera.size[1]} x {camera.size[0]}; are width and height exchanged?"
+        )
+
+
 def _camera_from(table: dict[str, Any], where: str) -> Camera:
     if isinstance(table, dict) and table.get("fisheye", False):
         raise ValueError(f"{where}: fisheye lenses are not supported")
@@ -224,6 +263,7 @@ def _camera_from(table: dict[str, Any], where: str) -> Camera:
         padded = np.array(distortions + [0.0] * (len(distortions) == 4))
         camera = Camera(fields["name"], fields["size"], fields["matrix"], padded, T_cam_world)
         limits.check_pixels("size", *camera.size)
+        _check_units(camera, rotvec)
         return camera
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None
