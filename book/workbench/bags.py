@@ -41,7 +41,7 @@ import pandas as pd
 from scipy.spatial.transform import RigidTransform, Rotation
 from tqdm import tqdm
 
-from trinolab.camera import Camera, Rig
+from trinolab.camera import Camera, Rig, plumb_bob
 from trinolab.files import recorder
 from trinolab.files.images import as_grey, decoded
 from trinolab.files.inputs import read_csv
@@ -402,8 +402,10 @@ def _rig_of(reader: Any, bag: str | Path, ros: Any) -> Rig:
             raise ValueError(
                 f"{bag}: {topic}: expected the lens model plumb_bob, got {info.distortion_model!r}"
             )
-        lens = np.zeros(5)
-        lens[: len(info.d)] = info.d[:5]
+        try:
+            lens = plumb_bob(np.asarray(info.d))
+        except ValueError as error:
+            raise ValueError(f"{bag}: {topic}: {error}") from None
         place = places[info.header.frame_id]
         cameras.append(
             Camera(

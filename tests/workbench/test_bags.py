@@ -312,13 +312,13 @@ def stamped(ros, time_ns, frame):
     return ros.types["std_msgs/msg/Header"](stamp, frame)
 
 
-def lens_of(ros, frame, model="plumb_bob"):
+def lens_of(ros, frame, model="plumb_bob", lens=(0.0,) * 5):
     none = ros.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
     K = np.array([9.0, 0, 3, 0, 9, 2, 0, 0, 1])
     P = np.array([9.0, 0, 3, 0, 0, 9, 2, 0, 0, 0, 1, 0])
     header = stamped(ros, 0, frame)
     kind = ros.types["sensor_msgs/msg/CameraInfo"]
-    return kind(header, 4, 6, model, np.zeros(5), K, np.eye(3).ravel(), P, 0, 0, none)
+    return kind(header, 4, 6, model, np.array(lens), K, np.eye(3).ravel(), P, 0, 0, none)
 
 
 def places_of(ros, worlds):
@@ -414,6 +414,11 @@ def nothing(ros):
             "a__camera_info",
             lambda ros: [lens_of(ros, "a", "equidistant")],
             "/a/camera_info: expected the lens model plumb_bob, got 'equidistant'",
+        ),
+        (
+            "a__camera_info",
+            lambda ros: [lens_of(ros, "a", lens=[-0.3, 0.1, 0, 0, 0, 0.2, 0.05, 0.01])],
+            "/a/camera_info: distortions: expected k1, k2, p1, p2, k3, got others that are not zero",
         ),
         (
             "tf_static",

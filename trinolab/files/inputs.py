@@ -41,7 +41,7 @@ def read_csv(path: str | Path, **options: Any) -> pd.DataFrame:
     """
     import pandas as pd  # only here: `trinolab.measure` loads without it
 
-    content, form = _form(_content(path, limits.TABLE_BYTES))
+    content, form = _form(_text(path, limits.TABLE_BYTES))
     limits.check_table(path, content, form["sep"].encode())
     options = {"skipinitialspace": True, **form, **options}
     try:
@@ -61,8 +61,6 @@ def _form(content: bytes) -> tuple[bytes, dict[str, str]]:
     tabs, with decimal points or commas. Lines that begin with ``#`` may stand before; the last of them
     is the header where numbers follow it, as NumPy writes tables.
     """
-    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        content = content.decode("utf-16", errors="replace").encode()
     begin = _BEFORE.match(content).end()  # type: ignore[union-attr]
     before, content = content[:begin].replace(b"\r", b"\n").rstrip(b"\n"), content[begin:]
     first = re.match(rb"[^\r\n]{0,65536}", content)[0]  # type: ignore[index]
@@ -130,10 +128,8 @@ def read_toml(path: str | Path, most: int = limits.TOML_BYTES) -> dict[str, Any]
     names the file, and so is YAML.
     """
     if Path(path).suffix.lower() in (".yaml", ".yml"):
-        raise ValueError(
-            f"{path}: expected TOML, got YAML by its name (Kalibr's, for one, is not read)"
-        )
-    content = _content(path, most)
+        raise ValueError(f"{path}: expected TOML, got YAML by its name")
+    content = _text(path, most)
     limits.check_toml(path, content)
     try:
         return tomllib.loads(content.decode("utf-8-sig"))  # editors of Windows put a mark before it
@@ -152,6 +148,14 @@ def read_json(path: str | Path) -> Any:
         return json.loads(content.decode())
     except (ValueError, RecursionError):
         raise ValueError(f"{path}: no valid JSON") from None
+
+
+def _text(path: str | Path, most: int) -> bytes:
+    """A text's bytes as UTF-8, which Windows may have saved as UTF-16; errors as for `_content`."""
+    content = _content(path, most)
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return content.decode("utf-16", errors="replace").encode()
+    return content
 
 
 def _content(path: str | Path, most: int) -> bytes:

@@ -19,10 +19,11 @@ import numpy as np
 import tomli_w
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance
+from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance, plumb_bob
 from ..checks import Array, as_array, as_number
 from ..handle import Handle
 from . import limits
+from .foreign import caliscope_tables, foreign_tables
 from .inputs import get, read_toml
 from .outputs import write_together, write_whole
 
@@ -35,9 +36,10 @@ COVARIANCE_FORMAT = "trinolab rig covariance 1"
 
 
 def read_rig(path: str | Path) -> Rig:
-    """Read a rig file (TOML, the layout that Anipose, FreeMoCap and Pose2Sim read).
+    """Read a rig file (TOML, the layout that Anipose, FreeMoCap and Pose2Sim read), or one of another
+    program that `foreign` turns into it.
 
-    Every table but ``metadata`` is a camera with `name`, `size`, `matrix`, `distortions` (4 or 5),
+    Tables without fields of a camera are left out; a camera has `name`, `size`, `matrix`, `distortions` (4 or 5),
     `rotation` (Rodrigues vector) and `translation` (mm), both world to camera. A covariance file
     beside it (`covariance_path`) is read as well. Of ``metadata`` two numbers count: ``exact =
     true`` for cameras that are known exactly, and ``error``, the reprojection error of the
@@ -52,7 +54,8 @@ def read_rig(path: str | Path) -> Rig:
     """
     beside = covariance_path(path)
     with _named(path):
-        tables = read_toml(path)
+        tables = foreign_tables(path)
+        tables = read_toml(path) if tables is None else tables
         metadata = tables.get("metadata", {})
         rig = Rig(tuple(_cameras(tables, path)), reprojection_px=_reprojection_px(metadata))
         _check_places(rig)
@@ -148,12 +151,18 @@ def _cameras(tables: dict[str, Any], path: str | Path) -> list[Camera]:
         raise ValueError(
             f"{path}: is a rig's covariance, expected its cameras, which are beside it"
         )
-    limits.check_count(len(tables), limits.CAMERAS, "cameras")
+    if isinstance(arrays := tables.get("cameras"), dict):
+        tables = caliscope_tables(arrays)
+    cameras = {key: table for key, table in tables.items() if _is_camera(table)}
+    limits.check_count(len(cameras), limits.CAMERAS, "cameras")
     return [
         _camera_from(table, f"{path}: [{key if key.isprintable() else repr(key)}]")
-        for key, table in tables.items()
-        if key != "metadata"
+        for key, table in cameras.items()
     ]
+
+
+def _is_camera(table: Any) -> bool:
+    return isinstance(table, dict) and bool({"matrix", "rotation", "translation"} & set(table))
 
 
 def write_rig(rig: Rig, path: str | Path) -> None:
@@ -253,15 +262,14 @@ def _camera_from(table: dict[str, Any], where: str) -> Camera:
         key: get(table, key, where) for key in ("name", "size", "matrix", "rotation", "translation")
     }
     try:
-        distortions = list(as_array(table.get("distortions", [0.0] * 5), "distortions", (None,)))
+        lens = plumb_bob(as_array(table.get("distortions", ()), "distortions", (None,)))
         rotvec = np.array(as_array(fields["rotation"], "rotation", (3,)))  # SciPy wants it writable
         as_number(np.abs(rotvec).max(), "rotation: the largest", high=1e6)
         rotation = Rotation.from_rotvec(rotvec)
         T_cam_world = RigidTransform.from_components(
             as_array(fields["translation"], "translation", (3,)), rotation
         )
-        padded = np.array(distortions + [0.0] * (len(distortions) == 4))
-        camera = Camera(fields["name"], fields["size"], fields["matrix"], padded, T_cam_world)
+        camera = Camera(fields["name"], fields["size"], fields["matrix"], lens, T_cam_world)
         limits.check_pixels("size", *camera.size)
         _check_units(camera, rotvec)
         return camera

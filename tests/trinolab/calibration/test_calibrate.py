@@ -543,9 +543,9 @@ def test_nothing_to_find(target):
 
 
 def test_an_old_charuco_board_is_found_as_well():
-    target = Target("charuco", 6, 4, 20.0, 12.0, "5X5_100")
     dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
-    for old in (False, True):
+    for old, name in ((False, "5X5_100"), (True, "DICT_5X5_100")):
+        target = Target("charuco", 6, 4, 20.0, 12.0, name)
         board = cv2.aruco.CharucoBoard((6, 4), 20.0, 12.0, dictionary)
         board.setLegacyPattern(old)
         image = cv2.copyMakeBorder(
