@@ -25,8 +25,10 @@ BITS_GIVEN = "TRINOLAB_BITS"  # in the environment, which processes that are beg
 LOOKED_AT = 8  # images of a folder, evenly among them, whose brightest value shows the bits
 NO_IMAGE = "cannot be read as an image of 8 or 16 bit"
 COMPLAINTS = 1 << 16  # bytes of what a decoder writes that are looked at
-# how the lines begin that the decoders write
-DECODERS = re.compile(rb"libpng|\[ *(?:WARN|ERROR)|.*(?:JPEG|JFIF|TIFF|SOS|progression)")
+# how the lines begin that the decoders write, which OpenCV's own on its settings do not
+DECODERS = re.compile(
+    rb"libpng|\[ *(?:WARN|ERROR).*(?:grfmt_|loadsave|bitstrm|exif)|.*(?:JPEG|JFIF|TIFF|SOS|progression)"
+)
 log = logging.getLogger("trinolab")
 
 

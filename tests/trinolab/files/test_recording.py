@@ -3,6 +3,8 @@
 import logging
 import os
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 
 import cv2
@@ -133,6 +135,27 @@ def test_a_camera_of_fewer_bits_has_all_grey_levels(bits, colour, tmp_path, capl
     assert caplog.messages[-1].endswith(f": {bits} bit scaled to grey levels 0 to 255; said once")
     with camera_bits(16):
         assert np.allclose(read_grey(paths[0]), levels[0] / 257, atol=1e-3)
+
+
+@pytest.mark.parametrize("setting", ["OPENCV_IPP=disabled", "OPENCV_LOG_LEVEL=VERBOSE"])
+def test_what_opencv_says_of_itself_is_no_damage(setting, tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((6, 8), np.uint8))
+    program = (
+        "import logging, sys, pathlib\n"
+        "logging.basicConfig(level=20, stream=sys.stdout)\n"
+        "from trinolab.files.images import read_grey\n"
+        "print(read_grey(pathlib.Path('a.png')).shape)\n"
+    )
+    name, value = setting.split("=")
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, name: value},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "(6, 8)\n"
 
 
 def test_a_value_beyond_the_bits_is_refused(tmp_path):
