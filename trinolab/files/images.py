@@ -10,7 +10,6 @@ import re
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from functools import lru_cache
 from pathlib import Path
 from typing import IO, NamedTuple
 
@@ -105,7 +104,8 @@ def read_greys(
         Names the file: unreadable, no image of 8 or 16 bit, another size, brighter than its bits
         allow, or more pixels than `limits.PIXELS`; the last before it is decoded.
     """
-    return said_once(((path, _read(path, size)) for path in paths), said)
+    bits: dict[Path, int] = {}
+    return said_once(((path, _read(path, size, bits)) for path in paths), said)
 
 
 def said_once(
@@ -123,8 +123,8 @@ def said_once(
         yield image
 
 
-def _read(path: Path, size: tuple[int, int] | None) -> Grey:
-    """An image file; errors as for `read_greys`."""
+def _read(path: Path, size: tuple[int, int] | None, bits_in: dict[Path, int]) -> Grey:
+    """An image file; `bits_in` are those of folders that are known. Errors as for `read_greys`."""
     try:
         data = limits.read_bytes(path, limits.IMAGE_BYTES)
     except OSError as error:
@@ -140,7 +140,9 @@ def _read(path: Path, size: tuple[int, int] | None) -> Grey:
         log.info("%s: may be damaged (%s)", path, complaint)
     if image.dtype == np.uint8:
         return as_grey(image)
-    bits = _bits_of(path)
+    if path.parent not in bits_in:
+        bits_in[path.parent] = _bits_in(path.parent)
+    bits = bits_in[path.parent]
     if image.max() >= 1 << bits:
         raise ValueError(
             f"{path}: has the value {image.max()}, beyond the {bits} bit that its camera is taken to have; "
@@ -149,17 +151,10 @@ def _read(path: Path, size: tuple[int, int] | None) -> Grey:
     return as_grey(image, bits)
 
 
-def _bits_of(path: Path) -> int:
-    """How many bits of 16 the images of a file's folder have; 16 where they are black."""
+def _bits_in(folder: Path) -> int:
+    """How many bits of 16 the images of a folder have, by some of them; 16 where they are black."""
     if BITS_GIVEN in os.environ:
         return int(os.environ[BITS_GIVEN])
-    brightest = _brightest(path.parent, path.parent.stat().st_mtime_ns)
-    return next((bits for bits in BITS if 0 < brightest < 1 << bits), BITS[-1])
-
-
-@lru_cache(maxsize=64)
-def _brightest(folder: Path, _changed_ns: int) -> int:
-    """The largest value in some of a folder's images of 16 bit; 0 without any."""
     paths = sorted(path for path in folder.iterdir() if is_image(path))
     places = np.unique(np.linspace(0, len(paths) - 1, LOOKED_AT).round().astype(int))
     brightest = 0
@@ -170,7 +165,7 @@ def _brightest(folder: Path, _changed_ns: int) -> int:
             continue  # its reader says so
         if image is not None and image.dtype == np.uint16:
             brightest = max(brightest, int(image.max()))
-    return brightest
+    return next((bits for bits in BITS if 0 < brightest < 1 << bits), BITS[-1])
 
 
 def decoded(data: bytes, path: str | Path) -> tuple[np.ndarray | None, str]:
