@@ -7,14 +7,15 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from . import limits
-from .images import unheard
+
+if TYPE_CHECKING:
+    import cv2
 
 MOST_BYTES = (
     1 << 16
@@ -147,6 +148,10 @@ def _stored(content: bytes) -> dict[str, Any]:
     brackets = sum(map(content.count, (b"<", b"[", b"{")))
     if brackets > NESTED or re.search(rb"(?:-\s+){20}", content):
         raise ValueError(f"is OpenCV's file storage of more than {NESTED} parts, which is not read")
+    import cv2  # only for another program's file
+
+    from .images import unheard
+
     with unheard():
         try:
             mode = cv2.FileStorage_READ | cv2.FileStorage_MEMORY
