@@ -39,11 +39,11 @@ def read_rig(path: str | Path) -> Rig:
     """Read a rig file (TOML, the layout that Anipose, FreeMoCap and Pose2Sim read), or one of another
     program that `foreign` turns into it.
 
-    Tables without fields of a camera are left out; a camera has `name`, `size`, `matrix`, `distortions` (4 or 5),
-    `rotation` (Rodrigues vector) and `translation` (mm), both world to camera. A covariance file
-    beside it (`covariance_path`) is read as well. Of ``metadata`` two numbers count: ``exact =
-    true`` for cameras that are known exactly, and ``error``, the reprojection error of the
-    calibration, px, as Anipose writes it.
+    Tables without fields of a camera are left out. A camera has `name`, `size`, `matrix`, `distortions`
+    (4 or 5, further ones only if they are zero), `rotation` (Rodrigues vector) and `translation`
+    (mm), both world to camera. A covariance file beside it (`covariance_path`) is read as well. Of
+    ``metadata`` two numbers count: ``exact = true`` for cameras that are known exactly, and
+    ``error``, the reprojection error of the calibration, px, as Anipose writes it.
 
     Raises
     ------
