@@ -4,23 +4,21 @@ in OpenCV's file storage, caliscope's arrays of cameras. What is not read is nam
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from . import limits
 
-if TYPE_CHECKING:
-    import cv2
-
 MOST_BYTES = (
     1 << 16
 )  # of YAML, XML and JSON: they are parsed slowly, and those that are read are short
-NESTED = 500  # brackets or elements: OpenCV's parsers take stack for each
 METRE_MM = 1e3
 WAY_OUT = (
     "make its cameras with trinolab.Camera.from_opencv, and write them with trinolab.write_rig"
@@ -69,7 +67,7 @@ def foreign_tables(path: str | Path) -> dict[str, Any] | None:
     if whose := [whose for word, whose in BY_WORD.items() if word in content]:
         raise ValueError(f"is a file of {whose[0]}, which is not read; {WAY_OUT}")
     if re.search(rb"opencv-matrix", content):
-        return _stereo(_stored(content))
+        return _stereo(_stored(content, form))
     tables = _yaml(content) if form == "YAML" else {}
     if any(isinstance(one, dict) and "intrinsics" in one for one in tables.values()):
         return _camchain(tables)
@@ -108,8 +106,15 @@ def _yaml(content: bytes) -> dict[str, Any]:
 
     if b"&" in content:
         raise ValueError("is YAML with anchors, which is not read")
+
+    class Loader(yaml.SafeLoader):
+        """Takes OpenCV's matrices for tables."""
+
+    Loader.add_constructor(
+        "tag:yaml.org,2002:opencv-matrix", lambda loader, node: loader.construct_mapping(node, True)
+    )
     try:
-        tables = yaml.safe_load(re.sub(rb"\A%[^\n]*", b"", content))
+        tables = yaml.load(re.sub(rb"\A%[^\n]*", b"", content), Loader)
     except (yaml.YAMLError, ValueError, RecursionError):
         raise ValueError("is no valid YAML") from None
     return tables if isinstance(tables, dict) else {}
@@ -143,31 +148,31 @@ def _camchain(chain: Mapping[str, Any]) -> dict[str, Any]:
     return tables
 
 
-def _stored(content: bytes) -> dict[str, Any]:
-    """The numbers, matrices and lists of a file of OpenCV's storage."""
-    brackets = sum(map(content.count, (b"<", b"[", b"{")))
-    if brackets > NESTED or re.search(rb"(?:-\s+){20}", content):
-        raise ValueError(f"is OpenCV's file storage of more than {NESTED} parts, which is not read")
-    import cv2  # only for another program's file
-
-    from .images import unheard
-
-    with unheard():
-        try:
-            mode = cv2.FileStorage_READ | cv2.FileStorage_MEMORY
-            storage = cv2.FileStorage(content.decode("utf-8-sig"), mode)  # its nodes live as long
-            names = storage.root().keys()
-            return {name: _value(storage.getNode(name)) for name in names}
-        except (cv2.error, ValueError, SystemError):
-            raise ValueError("is no valid file of OpenCV's storage") from None
+def _stored(content: bytes, form: str) -> dict[str, Any]:
+    """The numbers, matrices and lists of a file of OpenCV's storage. It is read without OpenCV, which
+    aborts on some damaged files.
+    """
+    try:
+        if form == "XML":
+            root = ElementTree.fromstring(content)
+            nodes = {one.tag: {of.tag: of.text for of in one} or one.text for one in root}
+        else:
+            nodes = json.loads(content) if form == "JSON" else _yaml(content)
+        return {name: _value(node) for name, node in nodes.items()}
+    except (AttributeError, KeyError, TypeError, ValueError, SyntaxError, RecursionError):
+        raise ValueError("is no valid file of OpenCV's storage") from None
 
 
-def _value(node: cv2.FileNode) -> Any:
-    if node.isInt() or node.isReal():
-        return node.real()
-    if node.isSeq():
-        return [node.at(k).real() for k in range(node.size())]
-    return node.mat() if node.isMap() else None
+def _value(node: Any) -> Any:
+    if isinstance(node, dict):
+        if "data" not in node:
+            return None
+        return np.reshape(_value(node["data"]), (int(node["rows"]), int(node["cols"])))
+    numbers = node.split() if isinstance(node, str) else node
+    try:
+        return np.array(numbers, float)
+    except (TypeError, ValueError):
+        return None  # a text
 
 
 def _stereo(stored: Mapping[str, Any]) -> dict[str, Any]:
