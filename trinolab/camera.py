@@ -171,17 +171,8 @@ class Camera:
         lens = as_array(
             np.ravel(() if distortions is None else distortions), "distortions", (None,)
         )
-        if len(lens) not in (0, 4, 5, 8, 12, 14):
-            raise ValueError(f"distortions: expected 0, 4, 5, 8, 12 or 14, got {len(lens)}")
-        if lens[5:].any():
-            raise ValueError(
-                "distortions: expected k1, k2, p1, p2, k3, got others that are not zero; calibrate "
-                "without the rational, the thin-prism and the tilted model"
-            )
-        five = np.zeros(5)
-        five[: min(len(lens), 5)] = lens[:5]
         T_cam_world = RigidTransform.from_components(shift, _opencv_rotation(R))
-        return cls(name, size, K, five, T_cam_world)  # type: ignore[arg-type]
+        return cls(name, size, K, plumb_bob(lens), T_cam_world)  # type: ignore[arg-type]
 
     @cached_property
     def T_world_cam(self) -> RigidTransform:
@@ -270,6 +261,22 @@ class Camera:
         uv = self.project(points)
         high = np.array(self.size) - 0.5 - margin_px
         return np.asarray(((uv >= margin_px - 0.5) & (uv <= high)).all(axis=1))
+
+
+def plumb_bob(distortions: Array) -> Array:
+    """k1, k2, p1, p2, k3 of as many coefficients as OpenCV gives; ValueError where further ones are not
+    zero.
+    """
+    if len(distortions) not in (0, 4, 5, 8, 12, 14):
+        raise ValueError(f"distortions: expected 0, 4, 5, 8, 12 or 14, got {len(distortions)}")
+    if distortions[5:].any():
+        raise ValueError(
+            "distortions: expected k1, k2, p1, p2, k3, got others that are not zero; calibrate "
+            "without the rational, the thin-prism and the tilted model"
+        )
+    five = np.zeros(5)
+    five[: min(len(distortions), 5)] = distortions[:5]
+    return five
 
 
 def _opencv_rotation(R: ArrayLike) -> Rotation:

@@ -30,7 +30,7 @@ import json
 import logging
 import shutil
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from heapq import merge
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -41,9 +41,9 @@ import pandas as pd
 from scipy.spatial.transform import RigidTransform, Rotation
 from tqdm import tqdm
 
-from trinolab.camera import Camera, Rig
+from trinolab.camera import Camera, Rig, plumb_bob
 from trinolab.files import recording_writer
-from trinolab.files.images import as_grey, decoded
+from trinolab.files.images import decoded
 from trinolab.files.inputs import read_csv
 from trinolab.files.journal import sole_writer, stamp
 from trinolab.files.outputs import check_parent, resolved, write_whole
@@ -60,6 +60,22 @@ WORLD, HANDLE = "world", "handle"
 MM = 1e-3  # of a metre
 LATEST_S = 2**31  # what a stamp can say
 IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
+# how others encode images: bytes of a pixel, and how OpenCV makes it grey, or blue, green and red
+ENCODINGS = {
+    **dict.fromkeys(("mono8", "8UC1"), (1, None)),
+    **dict.fromkeys(("mono16", "16UC1"), (2, None)),
+    **dict.fromkeys(("bgr8", "8UC3"), (3, None)),
+    **dict.fromkeys(("bgra8", "8UC4"), (4, None)),
+    "rgb8": (3, cv2.COLOR_RGB2BGR),
+    "rgba8": (4, cv2.COLOR_RGBA2BGRA),
+    "bayer_rggb8": (1, cv2.COLOR_BayerRGGB2GRAY),
+    "bayer_bggr8": (1, cv2.COLOR_BayerBGGR2GRAY),
+    "bayer_gbrg8": (1, cv2.COLOR_BayerGBRG2GRAY),
+    "bayer_grbg8": (1, cv2.COLOR_BayerGRBG2GRAY),
+    **dict.fromkeys(("yuv422", "uyvy"), (2, cv2.COLOR_YUV2GRAY_UYVY)),
+    **dict.fromkeys(("yuv422_yuy2", "yuyv"), (2, cv2.COLOR_YUV2GRAY_YUY2)),
+}
+TO_GREY = {3: cv2.COLOR_BGR2GRAY, 4: cv2.COLOR_BGRA2GRAY}  # by the channels
 UNPACKED = ".unpacked"  # behind the name of a bag's recording folder, until the poses are written
 LATCHED = ("/tf_static", "/handle_description")  # a reader that comes late gets them as well
 MEASURED, COMMANDED, SPEED = "_measured_rad", "_rad", "_rad_s"
@@ -170,8 +186,9 @@ def unpack_bag(
     """Write the images of a bag as a recording folder, which appears whole or not at all.
 
     A topic ``CAMERA/camera_info`` is a camera, with the one topic of images beneath ``CAMERA/``;
-    where it stands says ``/tf_static``. The k-th images of all cameras are one instant; its time is
-    the mean of theirs.
+    where it stands says ``/tf_static``, by a chain of frames up to one that all cameras have. Images
+    whose stamps are less than half a frame apart are one instant; its time is the mean of theirs. Where a
+    camera lacks one, the instant is left out, and the log says so.
 
     Parameters
     ----------
@@ -204,7 +221,10 @@ def unpack_bag(
                 _unpack(reader, topic, partial, camera, bag, ros)
                 for camera, topic in zip(the_rig.cameras, topics.values(), strict=True)
             ]
-        recording_writer.finish(folder, _common_times(times, the_rig, bag).tolist())
+        instants_of, middle = _common(times, the_rig, bag)
+        for camera, numbers in zip(the_rig.names, instants_of, strict=True):
+            _keep(partial / "images" / camera, numbers.tolist())
+        recording_writer.finish(folder, middle.tolist())
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 
@@ -388,12 +408,15 @@ def _rig_of(reader: Any, bag: str | Path, ros: Any) -> Rig:
         for _, content in _messages(reader, "/tf_static", ros)
         for one in content.transforms
     }
-    cameras = []
+    cameras, chains = [], []
     for topic in topics:
         info = next((content for _, content in _messages(reader, topic, ros)), None)
         if info is None:
             raise ValueError(f"{bag}: {topic}: no message in it")
-        if info.header.frame_id not in places:
+        chains.append(_chain(places, info.header.frame_id, bag))
+        if len(chains[-1]) == 1 and not any(
+            one.header.frame_id == info.header.frame_id for one in places.values()
+        ):
             raise ValueError(
                 f"{bag}: {topic}: /tf_static does not say where {info.header.frame_id!r} stands; "
                 "give a rig file"
@@ -402,25 +425,40 @@ def _rig_of(reader: Any, bag: str | Path, ros: Any) -> Rig:
             raise ValueError(
                 f"{bag}: {topic}: expected the lens model plumb_bob, got {info.distortion_model!r}"
             )
-        lens = np.zeros(5)
-        lens[: len(info.d)] = info.d[:5]
-        place = places[info.header.frame_id]
+        try:
+            lens = plumb_bob(np.asarray(info.d))
+        except ValueError as error:
+            raise ValueError(f"{bag}: {topic}: {error}") from None
         cameras.append(
-            Camera(
+            (
                 topic.rpartition("/")[0].strip("/").replace("/", "_"),
                 (info.width, info.height),
                 np.reshape(info.k, (3, 3)),
                 lens,
-                _rigid(place.transform).inv(),
             )
         )
-    worlds = {places[name].header.frame_id for name in places}
-    if len(worlds) > 1:
+    common = [name for name in chains[0] if all(name in chain for chain in chains)]
+    if not common:
+        worlds = sorted({list(chain)[-1] for chain in chains})
         raise ValueError(
-            f"{bag}: /tf_static: expected all cameras in one frame, got {', '.join(sorted(worlds))}; "
-            "give a rig file"
+            f"{bag}: /tf_static: expected all cameras in one frame, got {', '.join(worlds)}; give a rig "
+            "file"
         )
-    return Rig(tuple(cameras))
+    places_of = [chain[common[0]].inv() for chain in chains]
+    return Rig(tuple(Camera(*camera, T) for camera, T in zip(cameras, places_of, strict=True)))
+
+
+def _chain(places: Mapping[str, Any], frame: str, bag: str | Path) -> dict[str, RigidTransform]:
+    """Where a frame stands in itself, in its parent, in that one's parent, ...: T_parent_frame."""
+    T = RigidTransform.identity()
+    chain = {frame: T}
+    while frame in places:
+        T = _rigid(places[frame].transform) * T
+        frame = places[frame].header.frame_id
+        if frame in chain:
+            raise ValueError(f"{bag}: /tf_static: {frame!r} stands in itself")
+        chain[frame] = T
+    return chain
 
 
 def _rigid(transform: Any) -> RigidTransform:
@@ -469,13 +507,16 @@ def _unpack(
         if complaint:
             log.info("%s: %s: image %d: may be damaged (%s)", bag, topic, len(times), complaint)
         if image is None or image.shape[:2] != (camera.size[1], camera.size[0]):
+            encoding = getattr(content, "encoding", getattr(content, "format", ""))
+            size = f"{image.shape[1]} x {image.shape[0]} of " if image is not None else ""
             raise ValueError(
                 f"{bag}: {topic}: image {len(times)}: expected {camera.size[0]} x {camera.size[1]} "
-                "pixels of grey or colour, 8 bit"
+                f"pixels of grey or colour, got {size}{encoding!r}"
             )
-        grey = as_grey(image).image
+        if image.ndim == 3:
+            image = cv2.cvtColor(image, TO_GREY[image.shape[2]])
         recording_writer.write_image(
-            grey.astype(np.uint8), partial / "images" / camera.name / f"{len(times):06d}.png"
+            image, partial / "images" / camera.name / f"{len(times):06d}.png"
         )
         times.append(time_ns * 1e-9)
     return np.array(times)
@@ -487,34 +528,58 @@ def _decoded(content: Any, where: str) -> tuple[np.ndarray | None, str]:
     """
     if content.__msgtype__ == IMAGES[0]:
         image, complaint = decoded(bytes(content.data), where)
-        return (image if image is not None and image.dtype == np.uint8 else None), complaint
-    channels = {"mono8": 1, "8UC1": 1, "bgr8": 3, "rgb8": 3}.get(content.encoding)
-    wide = content.width * (channels or 0)
+        deep = image is not None and image.dtype in (np.uint8, np.uint16)
+        return (image if deep else None), complaint
+    of_pixel, conversion = ENCODINGS.get(content.encoding, (0, None))
+    wide = content.width * of_pixel
     if not 0 < wide <= content.step or len(content.data) < content.height * content.step:
         return None, ""
     rows = np.reshape(content.data[: content.height * content.step], (content.height, -1))
-    image = rows[:, :wide].reshape(content.height, content.width, -1)
-    if content.encoding == "rgb8":
-        image = image[..., ::-1]
-    return np.ascontiguousarray(image[..., 0] if channels == 1 else image), ""
+    image = np.ascontiguousarray(rows[:, :wide])
+    if content.encoding in ("mono16", "16UC1"):
+        return image.view(">u2" if content.is_bigendian else "<u2").astype(np.uint16), ""
+    if of_pixel > 1:
+        image = image.reshape(content.height, content.width, of_pixel)
+    return (image if conversion is None else cv2.cvtColor(image, conversion)), ""
 
 
-def _common_times(times: Sequence[np.ndarray], rig: Rig, bag: str | Path) -> np.ndarray:
-    """Times of the instants, s; ValueError where the cameras' images make none."""
+def _common(
+    times: Sequence[np.ndarray], rig: Rig, bag: str | Path
+) -> tuple[list[np.ndarray], np.ndarray]:
+    """The instants that all cameras have: the numbers of each camera's images, and their times, s;
+    ValueError where these are half of the images or fewer.
+    """
     counts = [len(one) for one in times]
-    if min(counts) == 0 or len(set(counts)) > 1:
-        what = ", ".join(f"{name} {n}" for name, n in zip(rig.names, counts, strict=True))
-        raise ValueError(f"{bag}: expected as many images of each camera, and one at least: {what}")
-    every = np.array(times)
-    middle = every.mean(axis=0)
-    step = np.median(np.diff(middle)) if len(middle) > 1 else np.inf
+    what = ", ".join(f"{name} {n}" for name, n in zip(rig.names, counts, strict=True))
+    unequal = f"{bag}: expected as many images of each camera, and one at least: {what}"
+    if min(counts) == 0:
+        raise ValueError(unequal)
+    fewest = times[int(np.argmin(counts))]
+    step = min((np.median(np.diff(one)) for one in times if len(one) > 1), default=np.inf)
+    numbers = [np.searchsorted((one[1:] + one[:-1]) / 2, fewest) for one in times]
+    every = np.array([one[k] for one, k in zip(times, numbers, strict=True)])
     apart = np.ptp(every, axis=0)
-    if (apart > step / 2).any():
+    fits = (apart <= step / 2) & np.all(np.diff(numbers, prepend=-1) > 0, axis=0)
+    if 2 * fits.sum() <= max(counts):
+        if len(set(counts)) > 1:
+            raise ValueError(unequal)
         raise ValueError(
-            f"{bag}: instant {int((apart > step / 2).argmax())}: the cameras' images are "
-            f"{apart.max():.3g} s apart, more than half a frame"
+            f"{bag}: instant {int(fits.argmin())}: the cameras' images are {apart.max():.3g} s apart, more "
+            "than half a frame"
         )
-    return middle
+    if missing := max(counts) - int(fits.sum()):
+        log.info(
+            "%s: %d instants left out, of which a camera has no image (%s)", bag, missing, what
+        )
+    return [k[fits] for k in numbers], every.mean(axis=0)[fits]
+
+
+def _keep(folder: Path, numbers: Sequence[int]) -> None:
+    """Keep some of a camera's images, numbered from 0."""
+    for k, number in enumerate(numbers):
+        (folder / f"{number:06d}.png").replace(folder / f"{k:06d}.png")
+    for path in sorted(folder.iterdir())[len(numbers) :]:
+        path.unlink()
 
 
 def _ros() -> Any:

@@ -1210,26 +1210,10 @@ FAULTS = {
     ),
     "no recording": (nothing, TRACK.replace("rec", "no"), "no: no such folder"),
     # what shows when instants have been tracked
-    "video ends early": (
-        lambda: write_video("ccd2.mkv", [read(CCD2_0)] * 3),
-        VIDEOS,
-        "ccd2.mkv: ends after 3 frames, another camera goes on",
-    ),
-    "other video ends early": (
-        lambda: write_video("ccd1.mkv", [read(CCD2_0)] * 2),
-        VIDEOS,
-        "ccd1.mkv: ends after 2 frames, another camera goes on",
-    ),
-    "video truncated": (cut("ccd2.mkv"), VIDEOS, "ccd2.mkv: ends after "),
     "times of a video too few": (
         text("t.csv", "frame,t_s\n0,0\n1,0.04\n"),
         VIDEOS + " --timestamps t.csv",
         "t.csv: no time for frame 2, they end with frame 1",
-    ),
-    "video is an image": (
-        lambda: shutil.copy(CCD2_0, "ccd2.mkv"),
-        VIDEOS,
-        "ccd2.mkv: ends after 1 frames, another",
     ),
     "image truncated": (
         cut(CCD2_1),

@@ -71,9 +71,11 @@ def dangers(source):
 
 # What a student hands in is to be run: in a process of its own, from which plain data come back.
 # The cells of a notebook that is swept are run in a process of their own. A table of Anipose's is a pickle, of which
-# numbers alone are read: `calibration.tables` refuses all that could run.
+# numbers alone are read: `calibration.tables` refuses all that could run. Kalibr's YAML is read by the safe loader
+# of PyYAML, which makes plain data.
 RUN_ON_PURPOSE = {
     "trinolab.calibration.tables",
+    "trinolab.files.foreign",
     # cells and sweeps on a page, which the reader runs in a browser
     "workbench.browser.guest.session",
     "workbench.browser.guest.sweeping",

@@ -1,5 +1,6 @@
 """A recording as a ROS 2 bag, read back by another reader (mcap), and tracked from it."""
 
+import shutil
 import signal
 from dataclasses import replace
 from functools import cache
@@ -15,12 +16,13 @@ from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, paper_rig
 from trinolab.files import recording_writer
 from trinolab.files.images import read_greys
+from trinolab.files.outputs import table_text
 from trinolab.files.poses import pose_table, write_poses
 from trinolab.files.recording import open_folder
 from trinolab.files.rigs import handle_text, read_rig, write_rig
 from trinolab.following import posetracker
 from trinolab.pose import LOST, Pose
-from workbench.bags import is_bag, unpack_bag, write_bag
+from workbench.bags import ENCODINGS, is_bag, unpack_bag, write_bag
 from workbench.cli import main
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="extra ros is not installed")
@@ -93,6 +95,18 @@ def contents(bag):
         for _, channel, message, content in made.iter_decoded_messages():
             found.setdefault(channel.topic, []).append((message.log_time, content))
     return found
+
+
+def test_a_bag_of_times_since_1970_keeps_them(folder, tmp_path):
+    times = 1.7e9 + np.arange(COUNT) / FPS
+    shutil.copytree(folder, tmp_path / "r")
+    (tmp_path / "r" / "timestamps.csv").write_text(
+        table_text(pd.DataFrame({"frame": range(COUNT), "t_s": times}))
+    )
+    write_bag(tmp_path / "r", tmp_path / "bag")
+    unpack_bag(tmp_path / "bag", tmp_path / "back")
+    back, _ = open_folder(tmp_path / "back")
+    assert np.allclose(back.times_s, times, rtol=0, atol=1e-6)
 
 
 def vector(one):
@@ -249,7 +263,7 @@ def test_raw_images_of_others_are_read(bag, tmp_path):
     cameras = (f"rig_{name}" for name in ("left", "right"))
     text = "".join(
         f'[{name}]\nname = "{name}"\nsize = [6, 4]\nmatrix = [[9.0, 0.0, 3.0], [0.0, 9.0, 2.0], '
-        f"[0.0, 0.0, 1.0]]\nrotation = [0.0, 0.0, 0.0]\ntranslation = [{k}.0, 0.0, 0.0]\n"
+        f"[0.0, 0.0, 1.0]]\nrotation = [0.0, 0.0, 0.0]\ntranslation = [{100.0 * k}, 0.0, 0.0]\n"
         for k, name in enumerate(cameras)
     )
     (tmp_path / "rig.toml").write_text(text)
@@ -298,13 +312,13 @@ def stamped(ros, time_ns, frame):
     return ros.types["std_msgs/msg/Header"](stamp, frame)
 
 
-def lens_of(ros, frame, model="plumb_bob"):
+def lens_of(ros, frame, model="plumb_bob", lens=(0.0,) * 5):
     none = ros.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
     K = np.array([9.0, 0, 3, 0, 9, 2, 0, 0, 1])
     P = np.array([9.0, 0, 3, 0, 0, 9, 2, 0, 0, 0, 1, 0])
     header = stamped(ros, 0, frame)
     kind = ros.types["sensor_msgs/msg/CameraInfo"]
-    return kind(header, 4, 6, model, np.zeros(5), K, np.eye(3).ravel(), P, 0, 0, none)
+    return kind(header, 4, 6, model, np.array(lens), K, np.eye(3).ravel(), P, 0, 0, none)
 
 
 def places_of(ros, worlds):
@@ -320,14 +334,17 @@ def places_of(ros, worlds):
     return types["tf2_msgs/msg/TFMessage"](each)
 
 
-def grey_of(ros, time_ns, encoding="mono8", size=(6, 4), padding=0):
-    """An image of one grey level, whose rows end with other bytes."""
+def grey_of(ros, time_ns, encoding="mono8", size=(6, 4), padding=0, pixel=(70,), big=0):
+    """An image of one grey level, whose rows end with other bytes; `pixel` are the bytes of a pixel, or
+    of two.
+    """
     width, height = size
-    data = np.full((height, width + padding), 70, np.uint8)
-    data[:, width:] = 255
+    wide = width * ENCODINGS.get(encoding, (1, None))[0]
+    data = np.full((height, wide + padding), 255, np.uint8)
+    data[:, :wide] = np.resize(pixel, wide)
     header = stamped(ros, time_ns, "")
     kind = ros.types["sensor_msgs/msg/Image"]
-    return kind(header, height, width, encoding, 0, width + padding, data.ravel())
+    return kind(header, height, width, encoding, big, wide + padding, data.ravel())
 
 
 @cache
@@ -383,6 +400,70 @@ def test_the_bytes_at_the_end_of_a_row_belong_to_no_image(tmp_path):
     assert handle == CODED
 
 
+@pytest.mark.parametrize(
+    ("encoding", "pixel", "big"),
+    [
+        ("8UC1", [70], 0),
+        ("mono16", [70, 70], 0),
+        ("mono16", [0, 80], 0),
+        ("mono16", [80, 0], 1),
+        ("16UC1", [80, 0], 1),
+        ("bgr8", [70, 70, 70], 0),
+        ("8UC3", [70, 70, 70], 0),
+        ("rgb8", [70, 70, 70], 0),
+        ("bgra8", [70, 70, 70, 255], 0),
+        ("rgba8", [70, 70, 70, 0], 0),
+        ("bayer_rggb8", [70], 0),
+        ("bayer_grbg8", [70], 0),
+        ("yuv422", [128, 70], 0),
+        ("yuv422_yuy2", [70, 128], 0),
+    ],
+)
+def test_encodings_that_opencv_decodes_are_read(encoding, pixel, big, tmp_path):
+    images = [
+        (10**9, encoding, (6, 4), 5, pixel, big),
+        (2 * 10**9, encoding, (6, 4), 5, pixel, big),
+    ]
+    bag = bag_of_two(tmp_path / "b", b__image=lambda ros: [grey_of(ros, *of) for of in images])
+    unpack_bag(bag, tmp_path / "r")
+    level = 80 * 256 / 257 if 80 in pixel else 70
+    for image in read_greys(sorted((tmp_path / "r" / "images" / "b").iterdir())):
+        np.testing.assert_allclose(image, level, atol=1e-4)
+
+
+def test_an_image_that_is_missing_costs_its_instant(tmp_path, caplog):
+    caplog.set_level("INFO")
+    taken = {"a": [1, 2, 4, 5, 6, 8], "b": [1, 2, 3, 4, 5, 6, 7, 8]}
+    made = {
+        f"{name}__image": lambda ros, of=of: [
+            grey_of(ros, k * 10**9 + 10**8, pixel=[10 * k]) for k in of
+        ]
+        for name, of in taken.items()
+    }
+    unpack_bag(bag_of_two(tmp_path / "b", **made), tmp_path / "r")
+    recording, _ = open_folder(tmp_path / "r")
+    np.testing.assert_allclose(recording.times_s, np.array(taken["a"]) + 0.1)
+    for name in "ab":
+        images = read_greys(sorted((tmp_path / "r" / "images" / name).iterdir()))
+        assert [image[0, 0] for image in images] == [10 * k for k in taken["a"]]
+    assert "2 instants left out, of which a camera has no image (a 6, b 8)" in caplog.text
+
+
+def test_places_are_joined_along_their_chains(tmp_path):
+    def chained(ros):
+        """Each a metre further along x than its parent; the robot is no camera's."""
+        parents = {"a": "link", "b": "world", "tool": "robot", "link": "world", "world": "map"}
+        one = places_of(ros, parents)
+        for place in one.transforms:
+            place.transform.translation.x = 1.0
+        return [one]
+
+    unpack_bag(bag_of_two(tmp_path / "b", tf_static=chained), tmp_path / "r")
+    cameras = read_rig(tmp_path / "r" / "rig.toml").cameras
+    places = [camera.T_world_cam.translation for camera in cameras]
+    np.testing.assert_allclose(places, [[2000, 0, 0], [1000, 0, 0]], atol=1e-9)
+
+
 def nothing(ros):
     return []
 
@@ -400,6 +481,11 @@ def nothing(ros):
             "a__camera_info",
             lambda ros: [lens_of(ros, "a", "equidistant")],
             "/a/camera_info: expected the lens model plumb_bob, got 'equidistant'",
+        ),
+        (
+            "a__camera_info",
+            lambda ros: [lens_of(ros, "a", lens=[-0.3, 0.1, 0, 0, 0, 0.2, 0.05, 0.01])],
+            "/a/camera_info: distortions: expected k1, k2, p1, p2, k3, got others that are not zero",
         ),
         (
             "tf_static",
@@ -430,12 +516,12 @@ def nothing(ros):
         (
             "b__image",
             lambda ros: [grey_of(ros, 10**9, size=(4, 6))] * 2,
-            "/b/image: image 0: expected 6 x 4 pixels of grey or colour, 8 bit",
+            "/b/image: image 0: expected 6 x 4 pixels of grey or colour, got 4 x 6 of 'mono8'",
         ),
         (
             "b__image",
-            lambda ros: [grey_of(ros, 10**9), grey_of(ros, 10**9, "bayer_rggb8")],
-            "/b/image: image 1: expected 6 x 4 pixels of grey or colour, 8 bit",
+            lambda ros: [grey_of(ros, 10**9), grey_of(ros, 10**9, "32FC1")],
+            "/b/image: image 1: expected 6 x 4 pixels of grey or colour, got '32FC1'",
         ),
     ],
 )

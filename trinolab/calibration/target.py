@@ -146,7 +146,7 @@ class Target:
     marker_mm : float, optional
         Side of a ChArUco board's markers; three quarters of a square without it.
     dictionary : str, optional
-        Of a ChArUco board's markers, an OpenCV name without ``DICT_``; 4X4_50 without it.
+        Of a ChArUco board's markers, an OpenCV name, with or without ``DICT_``; 4X4_50 without it.
 
     Raises
     ------
@@ -197,7 +197,7 @@ class Target:
     @property
     def family(self) -> str:
         """The dictionary of a ChArUco board's markers."""
-        return self.dictionary or _DICTIONARY
+        return (self.dictionary or _DICTIONARY).removeprefix("DICT_")
 
     @property
     def board(self) -> Board:

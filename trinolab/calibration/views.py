@@ -26,6 +26,8 @@ MOST_SHOWING = 5  # of all images with it
 # Views by which light on dark leads dark on light, or is behind it, when only the leader is looked for:
 # a target is printed in one way.
 SURE = 5
+# grey levels between those percentiles of an image of 16 bit, of which fewer are stretched
+FEW_LEVELS, EXTREMES = 128, (0.1, 99.9)
 
 
 class TargetViews(NamedTuple):
@@ -232,7 +234,7 @@ def _detected(
             for label, image, path in _images(source, wanted[name], reported):
                 size = _same_size(image, size, path)
                 v = chosen.index(label)
-                grey = image if image.dtype == np.uint8 else np.rint(image).astype(np.uint8)
+                grey = _eight_bit(image)
                 if (name, label) not in known:
                     tried = _likeliest(target, by_camera, by_all)
                     known[name, label] = detect_target(grey, target, tried)
@@ -327,6 +329,18 @@ def _same_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> t
             + ("; likely it was turned between them" if new == size[::-1] else "")
         )
     return new
+
+
+def _eight_bit(image: np.ndarray) -> np.ndarray:
+    """A grey image in whole levels; one of 16 bit that uses few of them, as a thermal camera's, is
+    stretched.
+    """
+    if image.dtype == np.uint8:
+        return image
+    low, high = np.percentile(image, EXTREMES)
+    if 0 < high - low < FEW_LEVELS:
+        image = np.clip((image - low) * (255 / (high - low)), 0, 255)
+    return np.rint(image).astype(np.uint8)
 
 
 def _frame_name(frame: int) -> str:

@@ -19,10 +19,15 @@ import numpy as np
 from . import limits
 
 IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm")
+BITS = (10, 12, 14, 16)  # that a camera may have, whose images are files of 16 bit
+BITS_GIVEN = "TRINOLAB_BITS"  # in the environment, which processes that are begun have as well
+LOOKED_AT = 8  # images of a folder, evenly among them, whose brightest value shows the bits
 NO_IMAGE = "cannot be read as an image of 8 or 16 bit"
 COMPLAINTS = 1 << 16  # bytes of what a decoder writes that are looked at
-# how the lines begin that the decoders write
-DECODERS = re.compile(rb"libpng|\[ *(?:WARN|ERROR)|.*(?:JPEG|JFIF|TIFF|SOS|progression)")
+# how the lines begin that the decoders write, which OpenCV's own on its settings do not
+DECODERS = re.compile(
+    rb"libpng|\[ *(?:WARN|ERROR).*(?:grfmt_|loadsave|bitstrm|exif)|.*(?:JPEG|JFIF|TIFF|SOS|progression)"
+)
 log = logging.getLogger("trinolab")
 
 
@@ -39,6 +44,21 @@ def unheard() -> Iterator[IO[bytes]]:
         finally:
             os.dup2(stderr_copy, 2)
             os.close(stderr_copy)
+
+
+@contextmanager
+def camera_bits(bits: int) -> Iterator[None]:
+    """Meanwhile the cameras' images have so many bits, in files of 16."""
+    if not 8 <= bits <= 16:
+        raise ValueError(f"bits: expected 8 to 16, got {bits}")
+    before = os.environ.get(BITS_GIVEN)
+    os.environ[BITS_GIVEN] = str(bits)
+    try:
+        yield
+    finally:
+        os.environ.pop(BITS_GIVEN)
+        if before is not None:
+            os.environ[BITS_GIVEN] = before
 
 
 def is_image(path: Path) -> bool:
@@ -67,7 +87,8 @@ def read_greys(
     levels 0 to 255.
 
     Colour images are converted to grey and 16-bit images to 8-bit levels (with their fractions);
-    the log says so.
+    the log says so. All files of 16 bit in a folder have one scale: the fewest of `BITS` that hold
+    some of them, or what `camera_bits` says.
 
     Parameters
     ----------
@@ -80,10 +101,11 @@ def read_greys(
     Raises
     ------
     ValueError
-        Names the file: unreadable, no image of 8 or 16 bit, another size, or more pixels than
-        `limits.PIXELS`; the last before it is decoded.
+        Names the file: unreadable, no image of 8 or 16 bit, another size, brighter than its bits
+        allow, or more pixels than `limits.PIXELS`; the last before it is decoded.
     """
-    return logged_once(((path, _read(path, size)) for path in paths), said)
+    bits: dict[Path, int] = {}
+    return logged_once(((path, _read(path, size, bits)) for path in paths), said)
 
 
 def logged_once(
@@ -101,8 +123,8 @@ def logged_once(
         yield image
 
 
-def _read(path: Path, size: tuple[int, int] | None) -> Grey:
-    """An image file; errors as for `read_greys`."""
+def _read(path: Path, size: tuple[int, int] | None, bits_in: dict[Path, int]) -> Grey:
+    """An image file; `bits_in` are those of folders that are known. Errors as for `read_greys`."""
     try:
         data = limits.read_bytes(path, limits.IMAGE_BYTES)
     except OSError as error:
@@ -116,7 +138,34 @@ def _read(path: Path, size: tuple[int, int] | None) -> Grey:
     check_size(image.shape, size, path)
     if complaint:
         log.info("%s: may be damaged (%s)", path, complaint)
-    return as_grey(image)
+    if image.dtype == np.uint8:
+        return as_grey(image)
+    if path.parent not in bits_in:
+        bits_in[path.parent] = _bits_in(path.parent)
+    bits = bits_in[path.parent]
+    if image.max() >= 1 << bits:
+        raise ValueError(
+            f"{path}: has the value {image.max()}, beyond the {bits} bit that its camera is taken to have; "
+            "--bits says how many it has"
+        )
+    return as_grey(image, bits)
+
+
+def _bits_in(folder: Path) -> int:
+    """How many bits of 16 the images of a folder have, by some of them; 16 where they are black."""
+    if BITS_GIVEN in os.environ:
+        return int(os.environ[BITS_GIVEN])
+    paths = sorted(path for path in folder.iterdir() if is_image(path))
+    places = np.unique(np.linspace(0, len(paths) - 1, LOOKED_AT).round().astype(int))
+    brightest = 0
+    for path in [paths[k] for k in places.tolist()]:
+        try:
+            image, _ = decoded(limits.read_bytes(path, limits.IMAGE_BYTES), path)
+        except (OSError, ValueError):
+            continue  # its reader says so
+        if image is not None and image.dtype == np.uint16:
+            brightest = max(brightest, int(image.max()))
+    return next((bits for bits in BITS if 0 < brightest < 1 << bits), BITS[-1])
 
 
 def decoded(data: bytes, path: str | Path) -> tuple[np.ndarray | None, str]:
@@ -151,13 +200,15 @@ def check_size(shape: tuple[int, ...], size: tuple[int, int] | None, path: str |
         )
 
 
-def as_grey(image: np.ndarray) -> Grey:
+def as_grey(image: np.ndarray, bits: int = 16) -> Grey:
     """Convert colour to grey and 16 bit to 8-bit levels (with their fractions).
 
     Parameters
     ----------
     image : ndarray of uint8 or uint16, shape (height, width) or (height, width, 3 or 4)
         Blue first.
+    bits : int
+        Of an image of uint16, how many it has.
     """
     remarks = []
     if image.ndim == 3:
@@ -166,6 +217,6 @@ def as_grey(image: np.ndarray) -> Grey:
             image, cv2.COLOR_BGRA2GRAY if image.shape[2] == 4 else cv2.COLOR_BGR2GRAY
         )
     if image.dtype == np.uint16:
-        remarks.append("16 bit scaled to grey levels 0 to 255")
-        image = (image / 257.0).astype(np.float32)
+        remarks.append(f"{bits} bit scaled to grey levels 0 to 255")
+        image = (image / ((2**bits - 1) / 255)).astype(np.float32)
     return Grey(image, tuple(remarks))

@@ -4,6 +4,7 @@ and so is what is larger than `limits` says.
 
 from __future__ import annotations
 
+import codecs
 import io
 import json
 import re
@@ -18,6 +19,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 
+# what may stand before a table: a mark, comments, a spreadsheet's line of its separator
+_BEFORE = re.compile(rb"(?:\xef\xbb\xbf)?(?:(?:#[^\r\n]*|sep=[,;\t])(?:\r\n?|\n)){0,1000}")
+_NUMBER_FIRST = re.compile(rb"[ \t]*[-+.]*\d")
+
+
 class _TooManyError(ValueError):
     """A table with more words than allowed."""
 
@@ -25,7 +31,8 @@ class _TooManyError(ValueError):
 def read_csv(path: str | Path, **options: Any) -> pd.DataFrame:
     """Read a CSV file of this computer; `options` are those of `pandas.read_csv`.
 
-    The file is read here: pandas would fetch an address, and unpack what is named like an archive.
+    The file is read here: pandas would fetch an address, and unpack what is named like an archive. What
+    spreadsheets and NumPy save is read as well, see `_form`.
 
     Raises
     ------
@@ -34,8 +41,9 @@ def read_csv(path: str | Path, **options: Any) -> pd.DataFrame:
     """
     import pandas as pd  # only here: `trinolab.measure` loads without it
 
-    content = _content(path, limits.TABLE_BYTES)
-    limits.check_table(path, content)
+    content, form = _form(_text(path, limits.TABLE_BYTES))
+    limits.check_table(path, content, form["sep"].encode())
+    options = {"skipinitialspace": True, **form, **options}
     try:
         text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig", newline="")
         table = _read(path, text, content, options)
@@ -48,6 +56,25 @@ def read_csv(path: str | Path, **options: Any) -> pd.DataFrame:
     return table
 
 
+def _form(content: bytes) -> tuple[bytes, dict[str, str]]:
+    """A table as UTF-8 that begins with its header, and how it is separated: by commas, semicolons or
+    tabs, with decimal points or commas. Lines that begin with ``#`` may stand before; the last of them
+    is the header where numbers follow it, as NumPy writes tables.
+    """
+    begin = _BEFORE.match(content).end()  # type: ignore[union-attr]
+    before, content = content[:begin].replace(b"\r", b"\n").rstrip(b"\n"), content[begin:]
+    first = re.match(rb"[^\r\n]{0,65536}", content)[0]  # type: ignore[index]
+    separator = max((b",", b";", b"\t"), key=first.count)
+    header = before.rpartition(b"\n")[2].removeprefix(b"#").strip()
+    if _NUMBER_FIRST.match(first) and 0 < first.count(separator) == header.count(separator):
+        content, first = header + b"\n" + content, header
+    names = separator.join(name.strip() for name in first.split(separator))
+    content = names + content[len(first) :]
+    comma = separator != b"," and re.search(rb"\d,\d", content)
+    point = comma and re.search(rb"\d\.\d", content)
+    return content, {"sep": separator.decode(), "decimal": "," if comma and not point else "."}
+
+
 def _read(path: str | Path, text: IO[str], content: bytes, options: dict[str, Any]) -> pd.DataFrame:
     """The table; a large one is read in pieces, so that one of more words than are taken is refused
     when they have come.
@@ -55,7 +82,7 @@ def _read(path: str | Path, text: IO[str], content: bytes, options: dict[str, An
     import pandas as pd
 
     lines = content.count(b"\n") + content.count(b"\r") + 1
-    cells = content.count(b",") + lines
+    cells = content.count(options["sep"].encode()) + lines
     if cells <= limits.WORDS:
         return pd.read_csv(text, low_memory=False, **options)
     pieces, words = [], 0
@@ -77,6 +104,8 @@ def _reason(error: Exception) -> str:
     if lengths := re.search(r"Expected (\d+) fields in line (\d+), saw (\d+)", str(error)):
         first, line, there = lengths.groups()
         return f"line {line} has {there} fields, the lines before have {first}"
+    if isinstance(error, UnicodeDecodeError):
+        return "its text is not UTF-8"
     if missing := re.search(r"columns expected but not found: (\[.*\])", str(error)):
         names = sorted(re.findall(r"'([^']*)'", missing[1]))
         return f"column {', '.join(names)} is missing"
@@ -99,10 +128,8 @@ def read_toml(path: str | Path, most: int = limits.TOML_BYTES) -> dict[str, Any]
     names the file, and so is YAML.
     """
     if Path(path).suffix.lower() in (".yaml", ".yml"):
-        raise ValueError(
-            f"{path}: expected TOML, got YAML by its name (Kalibr's, for one, is not read)"
-        )
-    content = _content(path, most)
+        raise ValueError(f"{path}: expected TOML, got YAML by its name")
+    content = _text(path, most)
     limits.check_toml(path, content)
     try:
         return tomllib.loads(content.decode("utf-8-sig"))  # editors of Windows put a mark before it
@@ -121,6 +148,14 @@ def read_json(path: str | Path) -> Any:
         return json.loads(content.decode())
     except (ValueError, RecursionError):
         raise ValueError(f"{path}: no valid JSON") from None
+
+
+def _text(path: str | Path, most: int) -> bytes:
+    """A text's bytes as UTF-8, which Windows may have saved as UTF-16; errors as for `_content`."""
+    content = _content(path, most)
+    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return content.decode("utf-16", errors="replace").encode()
+    return content
 
 
 def _content(path: str | Path, most: int) -> bytes:

@@ -13,6 +13,8 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from .outputs import time_text
+
 FITS_MM = 2.0  # the median distance of poses that belong to their truth; a worse one is looked into
 BETTER = 0.25  # another offset has to fit so much better, as a share of that distance
 # frames by which a tracker may be late: a larger offset is a wrong join
@@ -127,8 +129,8 @@ def _check_times(both: pd.DataFrame, where: str) -> None:
     if period > 0 and (apart >= 0.5 * period).any():
         wrong = timed[apart >= 0.5 * period].iloc[0]
         raise ValueError(
-            f"{where}: frame {int(wrong['frame'])} is at {wrong['t_s']:.6g} s in the one and at "
-            f"{wrong['t_s_true']:.6g} s in the other; their frames do not belong together"
+            f"{where}: frame {int(wrong['frame'])} is at {time_text(wrong['t_s'])} s in the one and at "
+            f"{time_text(wrong['t_s_true'])} s in the other; their frames do not belong together"
         )
 
 

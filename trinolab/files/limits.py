@@ -126,17 +126,17 @@ def check_toml(path: str | Path, text: bytes) -> None:
         _check(path, dots - len(_NUMBERS.findall(text)), ALL_DOTS, "dots in its names")
 
 
-def check_table(path: str | Path, text: bytes) -> None:
-    """Refuse a CSV table of more lines, columns or cells than are taken; a comma between quotes counts
-    as well.
+def check_table(path: str | Path, text: bytes, separator: bytes = b",") -> None:
+    """Refuse a CSV table of more lines, columns or cells than are taken; a separator between quotes
+    counts as well.
     """
     lines = text.count(b"\n") + text.count(b"\r")
-    commas = text.count(b",")
+    separators = text.count(separator)
     # they are not so many by now that a list of the lines would be long
     _check(path, lines, LINES, "lines")
-    _check(path, lines + commas, CELLS, "cells")
-    if commas >= COLUMNS:
-        widest = max(line.count(b",") for line in text.splitlines())
+    _check(path, lines + separators, CELLS, "cells")
+    if separators >= COLUMNS:
+        widest = max(line.count(separator) for line in text.splitlines())
         _check(path, widest + 1, COLUMNS, "columns")
 
 

@@ -105,6 +105,20 @@ def _temporary(target: Path, content: str | bytes) -> Path:
     return temporary
 
 
+def table_text(table: pd.DataFrame) -> str:
+    """CSV of a table: nine digits of a number, and nanoseconds of a time ``t_s``, which may count
+    from 1970.
+    """
+    if "t_s" in table:
+        table = table.assign(t_s=table["t_s"].map(time_text, na_action="ignore"))
+    return table.to_csv(index=False, float_format="%.9g", lineterminator="\n")
+
+
+def time_text(t_s: float) -> str:
+    """A time, s, to a nanosecond."""
+    return f"{t_s:.9f}".rstrip("0").rstrip(".")
+
+
 def write_table(table: pd.DataFrame, path: str | Path) -> None:
     """Write a table that `load_sweep` reads back, whole or not at all; six digits."""
     write_whole(path, table.to_csv(index=False, float_format="%.6g", lineterminator="\n"))

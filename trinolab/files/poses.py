@@ -19,7 +19,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from ..metrics import euler_deg
 from ..pose import Pose
 from .inputs import read_csv
-from .outputs import write_whole
+from .outputs import table_text, write_whole
 from .rigs import covariance_path
 
 POSE_COLUMNS = (
@@ -114,7 +114,7 @@ def write_poses(table: pd.DataFrame, path: str | Path) -> None:
 
 def poses_text(table: pd.DataFrame) -> str:
     """The text of a pose table's CSV file."""
-    return table.to_csv(index=False, float_format="%.9g")
+    return table_text(table)
 
 
 def write_tum(table: pd.DataFrame, path: str | Path) -> None:
@@ -170,7 +170,12 @@ def read_poses(path: str | Path) -> pd.DataFrame:
         negative or repeated, an unknown status, a pose that is incomplete or whose quaternion has
         not length 1.
     """
-    return as_poses(read_csv(path), path)
+    table = read_csv(path)
+    if "frame" not in table and len(str(table.columns[0]).split()) == 8:
+        raise ValueError(
+            f"{path}: is a TUM file, whose poses have times and no frames; give a table of poses (CSV)"
+        )
+    return as_poses(table, path)
 
 
 def as_poses(table: pd.DataFrame, path: str | Path) -> pd.DataFrame:

@@ -29,6 +29,9 @@ from .inputs import read_csv
 from .recording_writer import PARTIAL, check_cameras
 
 LAST_FRAME = 2**53  # a pose file may have; a time in nanoseconds is no frame
+USUAL_FPS = 30.0
+FASTEST_FPS = 1e6
+SAME_RATE = 1.01  # of two videos, as a quotient: they may round it
 VIDEO_SUFFIXES = (".mkv", ".mp4", ".avi", ".mov", ".webm", ".m4v", ".mpg", ".mpeg")
 
 log = logging.getLogger("trinolab")
@@ -48,11 +51,14 @@ class Footage(NamedTuple):
         Of the images, in the order of their names; empty for a video.
     length : int
         Of the frames; of a video what its header says, which need not be so.
+    fps : float
+        Frames a second that a video states; 0 without.
     """
 
     path: Path
     names: tuple[str, ...]
     length: int
+    fps: float = 0.0
 
 
 def open_footage(path: str | Path) -> Footage:
@@ -73,8 +79,31 @@ def open_footage(path: str | Path) -> Footage:
         raise ValueError(f"{path}: no such file or folder")
     capture = open_video(path)
     count = int(min(max(capture.get(cv2.CAP_PROP_FRAME_COUNT), 0), 2**31))
+    fps = capture.get(cv2.CAP_PROP_FPS)
     capture.release()
-    return Footage(path, (), count)
+    return Footage(path, (), count, fps if 0 < fps < FASTEST_FPS else 0.0)
+
+
+def rate_of(footage: Sequence[Footage], fps: float | None) -> float:
+    """Frames a second: `fps`, or else what the videos state, or else `USUAL_FPS`.
+
+    Raises
+    ------
+    ValueError
+        If `fps` is no number above 0, or without it the videos state different rates.
+    """
+    if fps is not None:
+        return as_number(fps, "fps", low=0.0, high=FASTEST_FPS, open_low=True)
+    stated = sorted((one for one in footage if one.fps), key=lambda one: one.fps)
+    if not stated:
+        return USUAL_FPS
+    slow, fast = stated[0], stated[-1]
+    if fast.fps > SAME_RATE * slow.fps:
+        raise ValueError(
+            f"{fast.path}: states {fast.fps:.6g} frames a second, {slow.path} {slow.fps:.6g}; --fps or "
+            "--timestamps says which times hold"
+        )
+    return slow.fps
 
 
 def frames_of(
@@ -217,7 +246,7 @@ class Frames(NamedTuple):
 def open_recording(
     sources: Mapping[str, str | Path],
     rig: Rig,
-    fps: float = 30.0,
+    fps: float | None = None,
     timestamps: str | Path | None = None,
 ) -> Recording:
     """Open the footage of all cameras of a rig.
@@ -227,20 +256,20 @@ def open_recording(
     sources : mapping of str to path
         For each camera's name its video, or its folder of images (in the order of their names).
     rig : Rig
-    fps : float
-        Frames a second, where there are no timestamps.
+    fps : float, optional
+        Frames a second, where there are no timestamps; see `rate_of`.
     timestamps : path, optional
         CSV with the columns ``frame`` and ``t_s``.
 
     Raises
     ------
     ValueError
-        If a camera of the rig has no source or the rig lacks one, a source cannot be read, folders
-        hold different numbers of images, or the timestamps are wrong.
+        If a camera of the rig has no source or the rig lacks one, a source cannot be read, a folder
+        holds fewer images than another and not the first of them, videos state different rates, or
+        the timestamps are wrong.
     """
     check_cameras(sources, rig, "no video or folder for this camera of the rig")
     footage = tuple(open_footage(sources[name]) for name in rig.names)
-    fps = as_number(fps, "fps", low=0.0, high=1e6, open_low=True)
     times = None if timestamps is None else read_timestamps(timestamps)
     if times is not None and Path(timestamps or "").parent.name.endswith(PARTIAL):
         # Of a recording that was cut off an instant counts if its time was written: that came last.
@@ -249,15 +278,17 @@ def open_recording(
             for one in footage
         )
     folders = [one for one in footage if one.names]
-    for one in folders[1:]:
-        if one.length != folders[0].length:
+    count = min((one.length for one in folders), default=max(one.length for one in footage))
+    for short, one in itertools.permutations(folders, 2):
+        if short.length < one.length and short.names != one.names[: short.length]:
             raise ValueError(
-                f"{one.path}: {one.length} images, {folders[0].path} has {folders[0].length}"
+                f"{short.path}: {short.length} images, {one.path} has {one.length}, and their names do "
+                "not say which belong together"
             )
-    count = folders[0].length if folders else max(one.length for one in footage)
     if times is not None and folders and len(times) < count:
         raise ValueError(f"{timestamps}: no time for frame {len(times)} of {count}")
-    return Recording(rig, footage, count, times, fps, timestamps or "timestamps")
+    rate = rate_of(footage if times is None else (), fps)
+    return Recording(rig, footage, count, times, rate, timestamps or "timestamps")
 
 
 def open_folder(
@@ -327,13 +358,23 @@ def find_footage(folder: str | Path, rig: Rig) -> dict[str, Path]:
 
 
 def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:
-    """The instants one after the other, from frame `first`.
+    """The instants that all cameras have, one after the other, from frame `first`. The log names a
+    camera that ends before another, and the rate that the times are counted by where a video states
+    an unusual one.
 
     Raises
     ------
     ValueError
-        Names the file that cannot be read, holds no frame, or ends while another one goes on.
+        Names the file that cannot be read, or holds no frame.
     """
+    by_rate = recording.times_s is None and recording.fps != USUAL_FPS
+    if stated := [one.path for one in recording.footage if by_rate and one.fps == recording.fps]:
+        log.info(
+            "%s: states %.6g frames a second, by which the times are counted; --fps or --timestamps "
+            "gives others",
+            stated[0],
+            recording.fps,
+        )
     reported: set[str] = set()
     streams = [
         frames_of(one, camera.size, first, reported)
@@ -349,8 +390,17 @@ def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:
             if frame == 0:
                 raise ValueError(f"{over[0]}: no frame in it")
             return
+        if over and frame == 0:
+            raise ValueError(f"{over[0]}: ends after 0 frames, another camera goes on")
         if over:
-            raise ValueError(f"{over[0]}: ends after {frame} frames, another camera goes on")
+            log.info(
+                "%s: ends after %d frames, another camera goes on; the %d instants that all have are "
+                "taken",
+                over[0],
+                frame,
+                frame,
+            )
+            return
         yield Frames(frame, recording.time_of(frame), images)  # type: ignore[arg-type]
         frame += 1
 

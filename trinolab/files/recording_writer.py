@@ -16,7 +16,7 @@ import pandas as pd
 from ..camera import Rig
 from ..handle import Handle
 from .inputs import read_json
-from .outputs import check_parent, resolved, write_whole
+from .outputs import check_parent, resolved, table_text, write_whole
 from .poses import write_poses
 from .rigs import write_handle, write_rig
 
@@ -151,7 +151,7 @@ def finish(folder: str | Path, times_s: Sequence[float], truth: pd.DataFrame | N
     """
     partial = partial_of(folder)
     table = pd.DataFrame({"frame": np.arange(len(times_s)), "t_s": times_s})
-    write_whole(partial / "timestamps.csv", table.to_csv(index=False, float_format="%.9g"))
+    write_whole(partial / "timestamps.csv", table_text(table))
     if truth is not None:
         write_poses(truth, partial / "truth.csv")
     give_name(folder)

@@ -19,25 +19,31 @@ import numpy as np
 import tomli_w
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance
-from ..checks import as_array, as_number
+from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance, plumb_bob
+from ..checks import Array, as_array, as_number
 from ..handle import Handle
 from . import limits
+from .foreign import caliscope_tables, foreign_tables
 from .inputs import get, read_toml
 from .outputs import write_together, write_whole
 
 NEAREST_MM = 1e-6  # of two cameras
+# of the two cameras that are farthest apart: beyond, it is likely another unit
+NEAR_MM, FAR_MM = 10.0, 1e5
+SHORTEST = 0.1  # focal length, as a share of the image's longer side
+OFF_CENTRE = 0.1  # principal point from the image's middle, as a share of that side
 COVARIANCE_FORMAT = "trinolab rig covariance 1"
 
 
 def read_rig(path: str | Path) -> Rig:
-    """Read a rig file (TOML, the layout that Anipose, FreeMoCap and Pose2Sim read).
+    """Read a rig file (TOML, the layout that Anipose, FreeMoCap and Pose2Sim read), or one of another
+    program that `foreign` turns into it.
 
-    Every table but ``metadata`` is a camera with `name`, `size`, `matrix`, `distortions` (4 or 5),
-    `rotation` (Rodrigues vector) and `translation` (mm), both world to camera. A covariance file
-    beside it (`covariance_path`) is read as well. Of ``metadata`` two numbers count: ``exact =
-    true`` for cameras that are known exactly, and ``error``, the reprojection error of the
-    calibration, px, as Anipose writes it.
+    Tables without fields of a camera are left out. A camera has `name`, `size`, `matrix`, `distortions`
+    (4 or 5, further ones only if they are zero), `rotation` (Rodrigues vector) and `translation`
+    (mm), both world to camera. A covariance file beside it (`covariance_path`) is read as well. Of
+    ``metadata`` two numbers count: ``exact = true`` for cameras that are known exactly, and
+    ``error``, the reprojection error of the calibration, px, as Anipose writes it.
 
     Raises
     ------
@@ -48,10 +54,12 @@ def read_rig(path: str | Path) -> Rig:
     """
     beside = covariance_path(path)
     with _named(path):
-        tables = read_toml(path)
+        tables = foreign_tables(path)
+        tables = read_toml(path) if tables is None else tables
         metadata = tables.get("metadata", {})
         rig = Rig(tuple(_cameras(tables, path)), reprojection_px=_reprojection_px(metadata))
         _check_places(rig)
+        _check_distances(rig)
         exact = isinstance(metadata, dict) and metadata.get("exact", False)
         if exact not in (True, False):
             raise ValueError(f"[metadata]: exact: expected true or false, got {exact!r}")
@@ -143,12 +151,18 @@ def _cameras(tables: dict[str, Any], path: str | Path) -> list[Camera]:
         raise ValueError(
             f"{path}: is a rig's covariance, expected its cameras, which are beside it"
         )
-    limits.check_count(len(tables), limits.CAMERAS, "cameras")
+    if isinstance(arrays := tables.get("cameras"), dict):
+        tables = caliscope_tables(arrays)
+    cameras = {key: table for key, table in tables.items() if _is_camera(table)}
+    limits.check_count(len(cameras), limits.CAMERAS, "cameras")
     return [
         _camera_from(table, f"{path}: [{key if key.isprintable() else repr(key)}]")
-        for key, table in tables.items()
-        if key != "metadata"
+        for key, table in cameras.items()
     ]
+
+
+def _is_camera(table: Any) -> bool:
+    return isinstance(table, dict) and bool({"matrix", "rotation", "translation"} & set(table))
 
 
 def write_rig(rig: Rig, path: str | Path) -> None:
@@ -207,6 +221,40 @@ def _check_places(rig: Rig) -> None:
             )
 
 
+def _check_distances(rig: Rig) -> None:
+    """Ask about places that are likely not in mm."""
+    widest = max(
+        float(np.linalg.norm(rig.cameras[i].centre - rig.cameras[j].centre)) for i, j in rig.pairs
+    )
+    if not NEAR_MM <= widest <= FAR_MM:
+        raise ValueError(
+            f"translation: the cameras are at most {widest:.3g} mm apart; is it in "
+            f"{'metres' if widest < NEAR_MM else 'micrometres'}? Expected mm"
+        )
+
+
+def _check_units(camera: Camera, rotvec: Array) -> None:
+    """Ask about a camera's numbers that are likely in another unit."""
+    turn = float(np.linalg.norm(rotvec))
+    if turn > 2 * np.pi:
+        raise ValueError(
+            f"rotation: {turn:.4g} rad is beyond a turn; is it in degrees? Expected rad"
+        )
+    size, K = np.array(camera.size, float), np.asarray(camera.matrix)
+    focal, centre, longer = K[[0, 1], [0, 1]], K[:2, 2], size.max()
+    if focal.min() < SHORTEST * longer:
+        raise ValueError(
+            f"matrix: a focal length of {focal.min():.4g} px for an image of {camera.size[0]} x "
+            f"{camera.size[1]}; is it in mm, or a share of the image? Expected pixels"
+        )
+    off, off_turned = np.linalg.norm(centre - size / 2), np.linalg.norm(centre - size[::-1] / 2)
+    if off > OFF_CENTRE * longer and off_turned < off / 4:
+        raise ValueError(
+            f"size: the principal point ({centre[0]:.5g}, {centre[1]:.5g}) is the middle of an image of "
+            f"{camera.size[1]} x {camera.size[0]}; are width and height exchanged?"
+        )
+
+
 def _camera_from(table: dict[str, Any], where: str) -> Camera:
     if isinstance(table, dict) and table.get("fisheye", False):
         raise ValueError(f"{where}: fisheye lenses are not supported")
@@ -214,16 +262,16 @@ def _camera_from(table: dict[str, Any], where: str) -> Camera:
         key: get(table, key, where) for key in ("name", "size", "matrix", "rotation", "translation")
     }
     try:
-        distortions = list(as_array(table.get("distortions", [0.0] * 5), "distortions", (None,)))
+        lens = plumb_bob(as_array(table.get("distortions", ()), "distortions", (None,)))
         rotvec = np.array(as_array(fields["rotation"], "rotation", (3,)))  # SciPy wants it writable
         as_number(np.abs(rotvec).max(), "rotation: the largest", high=1e6)
         rotation = Rotation.from_rotvec(rotvec)
         T_cam_world = RigidTransform.from_components(
             as_array(fields["translation"], "translation", (3,)), rotation
         )
-        padded = np.array(distortions + [0.0] * (len(distortions) == 4))
-        camera = Camera(fields["name"], fields["size"], fields["matrix"], padded, T_cam_world)
+        camera = Camera(fields["name"], fields["size"], fields["matrix"], lens, T_cam_world)
         limits.check_pixels("size", *camera.size)
+        _check_units(camera, rotvec)
         return camera
     except ValueError as error:
         raise ValueError(f"{where}: {error}") from None

@@ -111,7 +111,7 @@ def refine_files(
     sources: Mapping[str, str | Path],
     out: str | Path,
     start: str | Path | None = None,
-    fps: float = 30.0,
+    fps: float | None = None,
     timestamps: str | Path | None = None,
     instants: int = 300,
     length: tuple[str, str, float] | None = None,

@@ -45,6 +45,7 @@ from . import drift, posetracker
 from .clocks import late_lines, widened
 from .losses import lost_lines
 from .parameters import FollowParameters
+from .served import idle_lines
 from .sync import Offsets, estimate_offsets
 
 log = logging.getLogger("trinolab")
@@ -60,7 +61,7 @@ def track_files(
     sources: Mapping[str, str | Path],
     out: str | Path,
     start: str | Path | None = None,
-    fps: float = 30.0,
+    fps: float | None = None,
     timestamps: str | Path | None = None,
     method: str = DEFAULT,
     progress: bool = True,
@@ -81,8 +82,8 @@ def track_files(
     start : path, optional
         CSV of poses known at some frames: at the first one for a handle that looks alike from
         several sides.
-    fps : float
-        Frames a second, where there are no timestamps.
+    fps : float, optional
+        Frames a second, where there are no timestamps; without it what the videos state, or else 30.
     timestamps : path, optional
         CSV with the columns ``frame`` and ``t_s``.
     method : str
@@ -197,7 +198,7 @@ def follow(
     """
     rig = recording.rig
     rows: list[tuple] = []
-    measured = 0
+    measured: dict[int, list[bool]] = {}
     identified = IdentifiedMarkers([], [])
     drift_monitor = DriftMonitor(rig, handle, parameters)
     steps = posetracker.track_instants(instants(recording), rig, handle, parameters, known)
@@ -212,12 +213,15 @@ def follow(
             drift_monitor.add(now.frame, now.t_s, tracked)
             if watch is not None:
                 watch(recording, now, tracked)
-            measured += pose.status == "measured"
-            bar.set_postfix_str(f"tracked {100 * measured / (now.frame + 1):.0f} %", refresh=False)
+            if pose.status == "measured":
+                measured[now.frame] = [bool((row >= 0).any()) for row in tracked.measurement.labels]
+            share = len(measured) / (now.frame + 1)
+            bar.set_postfix_str(f"tracked {100 * share:.0f} %", refresh=False)
             bar.update()
         offsets = identified.offsets(rig)
         late = late_lines(offsets, rig) if offsets else []
-        for line in [*late, *drift_monitor.drift()]:
+        idle = idle_lines(list(measured), list(measured.values()), rig)
+        for line in [*late, *drift_monitor.drift(), *idle]:
             log.info(line)
     return pd.DataFrame(rows, columns=list(POSE_COLUMNS)), offsets
 

@@ -17,7 +17,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from trinolab.camera import Rig
-from trinolab.checks import Array, as_number
+from trinolab.checks import Array
 from trinolab.files.images import is_image
 from trinolab.files.outputs import check_target, write_whole
 from trinolab.files.recording import (
@@ -27,6 +27,7 @@ from trinolab.files.recording import (
     find_footage,
     frames_of,
     open_footage,
+    rate_of,
     read_timestamps,
 )
 from trinolab.files.rigs import read_handle, read_rig
@@ -64,7 +65,7 @@ def preflight(
     sources: Mapping[str, str | Path] | None = None,
     rig: str | Path | None = None,
     handle: str | Path | None = None,
-    fps: float = 30.0,
+    fps: float | None = None,
     timestamps: str | Path | None = None,
     out: str | Path | None = None,
     progress: bool = True,
@@ -79,8 +80,8 @@ def preflight(
         For each camera's name its video, or its folder of images, instead of `folder`.
     rig, handle : path, optional
         Other files than the folder's.
-    fps : float
-        Frames a second, where there are no timestamps.
+    fps : float, optional
+        Frames a second, where there are no timestamps; without it what the videos state, or else 30.
     timestamps : path, optional
         CSV with the columns ``frame`` and ``t_s``.
     out : path, optional
@@ -127,7 +128,7 @@ def _clip(
     root: Path | None,
     sources: Mapping[str, str | Path] | None,
     rig: Rig | None,
-    fps: float,
+    fps: float | None,
     timestamps: str | Path | None,
 ) -> Clip:
     """Open the footage; of a folder without a rig what lies there."""
@@ -144,7 +145,7 @@ def _clip(
         )
     footage = tuple(open_footage(sources[name]) for name in names)
     times = None if timestamps is None else read_timestamps(timestamps)
-    return Clip(names, footage, times, as_number(fps, "fps", 0.0, 1e6, open_low=True))
+    return Clip(names, footage, times, rate_of(footage if times is None else (), fps))
 
 
 def _lying_in(root: Path) -> dict[str, Path]:

@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _find_shipped(arguments)
         if arguments.command in UNWATCHED:
             return _RUN[arguments.command](arguments)
-        with watched():
+        with _camera_bits(getattr(arguments, "bits", None)), watched():
             return _RUN[arguments.command](arguments)
     except ModuleNotFoundError as error:
         what = (error.name or "").partition(".")[0]
@@ -101,6 +101,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 130
+
+
+def _camera_bits(bits: int | None) -> AbstractContextManager[None]:
+    if bits is None:
+        return nullcontext()
+    from trinolab.files.images import camera_bits
+
+    return camera_bits(bits)
 
 
 def _fit_for_all_words() -> None:

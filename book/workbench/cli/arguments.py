@@ -70,6 +70,10 @@ CHECK = flag(
     "check the paper's poses against the pixels (--method paper); who follows the handle "
     "always does",
 )
+BITS = option(
+    "--bits N",
+    "that the cameras have, of files of 16 (default: as few as hold some of their images)",
+)
 DEVICE_FPS = option("--fps F", "frames a second to ask of cameras, or to play videos with")
 FOOTAGE = option(
     "folder RECORDING",
@@ -77,7 +81,7 @@ FOOTAGE = option(
     "--handle and --video are needed. track reads a ROS 2 bag as well",
     nargs="?",
 )
-FPS = option("--fps F", "frames a second (default: %(default)s)", default=30.0)
+FPS = option("--fps F", "frames a second (default: what the videos state, or else 30)")
 HANDLE = option(
     "--handle HANDLE.toml",
     "the handle and its markers: a file, or a shipped one by its name, as coded",
@@ -144,6 +148,7 @@ COMMANDS = (
             option("--overlay OUT.webm", "write a video of windows, markers and pose"),
             [FPS, TIMESTAMPS],
             METHOD,
+            BITS,
             CHECK,
         ],
         required="--out",
@@ -187,6 +192,7 @@ COMMANDS = (
             ),
             option("--out POSES.csv", "the poses to write"),
             METHOD,
+            BITS,
             CHECK,
             option(
                 "--prior POSES.csv",
@@ -308,6 +314,7 @@ COMMANDS = (
                 "a rig, or caliscope's camera_array.toml, whose cameras have the lenses: these are held, "
                 "and the places alone are estimated",
             ),
+            BITS,
         ],
         required="--images --board --columns --rows --square --out",
     ),
@@ -321,6 +328,7 @@ COMMANDS = (
             HANDLE,
             VIDEO,
             [FPS, TIMESTAMPS],
+            BITS,
             option("--out TABLE.csv", "write the table as CSV, too"),
         ],
     ),
@@ -355,6 +363,7 @@ COMMANDS = (
                 "cameras)",
             ),
             [FPS, TIMESTAMPS],
+            BITS,
         ],
         required="--out",
     ),

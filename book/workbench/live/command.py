@@ -154,7 +154,7 @@ def chosen(
 def _of_cameras(cameras: dict[str, str], rig: Rig, handle: Handle, fps: float | None) -> Source:
     videos = [what.lower().endswith(VIDEO_SUFFIXES) for what in cameras.values()]
     if all(videos):
-        return sources.of_recording(open_recording(cameras, rig, fps or 30.0), handle)
+        return sources.of_recording(open_recording(cameras, rig, fps), handle)
     if any(videos):
         raise ValueError("cameras: expected cameras or videos, got both")
     if missing := [name for name in rig.names if name not in cameras]:

@@ -17,6 +17,7 @@ from threading import Thread
 from trinolab.camera import Rig
 from trinolab.files import recording_writer
 from trinolab.files.journal import Journal
+from trinolab.files.outputs import time_text
 from trinolab.handle import Handle
 
 from ..capture.capture import Writer, new_folder
@@ -131,7 +132,7 @@ class _Running:
         if clutch != self._clutch and self.writer.error is None:
             self._clutch = clutch
             try:
-                self._switch.add_line(f"{t_s:.9g},{int(clutch)}")
+                self._switch.add_line(f"{time_text(t_s)},{int(clutch)}")
             except ValueError as error:
                 self.writer.error = error
         self.writer.offer(taken._replace(t_s=t_s))
@@ -165,7 +166,7 @@ class _Running:
         return f"recorded {count} instants{late}: {where}"
 
     def _whole(self, taken: Taken) -> None:
-        self._times.add_line(f"{len(self.writer.written)},{taken.t_s:.9g}")
+        self._times.add_line(f"{len(self.writer.written)},{time_text(taken.t_s)}")
 
 
 def _drop_cut_off(path: Path) -> None:

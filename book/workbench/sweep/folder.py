@@ -181,7 +181,7 @@ def read_sweep(folder: str | Path) -> pd.DataFrame:
         raise ValueError(
             f"{folder}: the sweep is not finished; the command that began it goes on with it"
         )
-    table = read_csv(path)
+    table = read_csv(path, skipinitialspace=False)
     if "error" not in table:
         raise ValueError(f"{path}: column 'error' is missing")
     # without a failure it is read as numbers

@@ -208,7 +208,7 @@ def _range(name: str, found: re.Match[str], where: str) -> Axis | Between:
 
 
 def _from_file(path: str) -> Axis:
-    table = read_csv(path, dtype=str, keep_default_na=False, skipinitialspace=True)
+    table = read_csv(path, dtype=str, keep_default_na=False)
     for name in table.columns:
         if not name.isidentifier():
             raise ValueError(

@@ -23,7 +23,7 @@ from trinolab.checks import Array, as_whole
 from trinolab.datasets import data_path
 from trinolab.files.inputs import read_csv
 from trinolab.files.journal import locked
-from trinolab.files.outputs import write_together
+from trinolab.files.outputs import table_text, write_together
 from trinolab.files.poses import pose_table, poses_text
 from trinolab.files.recording import Frames, instants, open_folder
 from trinolab.files.rigs import read_camera, read_handle, read_rig
@@ -191,8 +191,8 @@ def teleoperate(
             write_together(
                 {
                     root / POSES: poses_text(done.poses),
-                    root / JOINTS: _text(done.joints),
-                    root / EVENTS: _text(done.events),
+                    root / JOINTS: table_text(done.joints),
+                    root / EVENTS: table_text(done.events),
                 }
             )
     return done
@@ -320,7 +320,3 @@ def _at(script: Script, t_s: float) -> tuple[bool, float]:
     """Whether the clutch is closed at a time, and the scale of the script by then."""
     k = int(np.searchsorted(script.times_s, t_s + 1e-9, side="right")) - 1
     return k >= 0 and bool(script.closed[k]), float(script.scales[max(k, 0)])
-
-
-def _text(table: pd.DataFrame) -> str:
-    return table.to_csv(index=False, float_format="%.9g", lineterminator="\n")

@@ -1,5 +1,6 @@
 """CSV files that cannot be read: why, in words that need no knowledge of the library that reads them."""
 
+import codecs
 import re
 
 import pandas as pd
@@ -7,6 +8,10 @@ import pytest
 
 from trinolab.files import limits
 from trinolab.files.inputs import read_csv, read_toml
+from trinolab.files.poses import read_poses
+from trinolab.files.recording import read_timestamps
+
+PLAIN = b"frame,t_s\n0,0.5\n1,1.25\n"
 
 
 @pytest.mark.parametrize(
@@ -22,6 +27,39 @@ def test_the_reason_is_plain(tmp_path, text, reason):
     path = tmp_path / "table.csv"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(ValueError, match=re.escape(f"{path}: no valid CSV ({reason})")):
+        read_csv(path)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        PLAIN,
+        codecs.BOM_UTF8 + PLAIN.replace(b"\n", b"\r\n"),
+        PLAIN.decode().encode("utf-16"),
+        PLAIN.replace(b",", b", "),
+        PLAIN.replace(b",", b";"),
+        PLAIN.replace(b",", b";").replace(b".", b","),
+        PLAIN.replace(b",", b"\t").replace(b".", b","),
+        b"#one\n# two, three\n" + PLAIN,
+        b"# " + PLAIN,  # numpy.savetxt
+        codecs.BOM_UTF8 + b"sep=;\r\n" + PLAIN.replace(b",", b";"),
+    ],
+)
+def test_tables_of_others_are_read(tmp_path, content):
+    path = tmp_path / "table.csv"
+    path.write_bytes(content)
+    table = read_csv(path)
+    assert table.to_dict("list") == {"frame": [0, 1], "t_s": [0.5, 1.25]}
+    assert read_timestamps(path).tolist() == [0.5, 1.25]
+
+
+def test_a_tum_file_and_other_text_are_named(tmp_path):
+    path = tmp_path / "p.csv"
+    path.write_text("# timestamp tx ty tz qx qy qz qw\n0.5 0.1 0.2 0.3 0 0 0 1\n")
+    with pytest.raises(ValueError, match=r"p\.csv: is a TUM file"):
+        read_poses(path)
+    path.write_bytes("frame,größe\n1,2\n".encode("latin-1"))
+    with pytest.raises(ValueError, match=r"no valid CSV \(its text is not UTF-8\)"):
         read_csv(path)
 
 

@@ -102,7 +102,7 @@ def test_frames_may_have_any_number():
 def test_times_that_disagree_are_refused():
     with pytest.raises(
         ValueError,
-        match=r"^p\.csv, t\.csv: frame 20 is at 0 s in the one and at 0\.666667 s in the other; "
+        match=r"^p\.csv, t\.csv: frame 20 is at 0 s in the one and at 0\.666666667 s in the other; "
         "their frames do not belong together$",
     ):
         joined(estimated(20, 5).assign(t_s=np.arange(5) / 30))

@@ -3,18 +3,24 @@
 import os
 import stat
 
+import numpy as np
 import pandas as pd
 import pytest
+from scipy.spatial.transform import RigidTransform
 
 from trinolab.files import outputs
 from trinolab.files.outputs import (
     check_parent,
     check_target,
+    table_text,
     write_table,
     write_together,
     write_whole,
 )
-from trinolab.files.recording_writer import partial_of
+from trinolab.files.poses import pose_table, read_poses, write_poses, write_tum
+from trinolab.files.recording import read_timestamps
+from trinolab.files.recording_writer import begin, finish, partial_of
+from trinolab.pose import Pose
 from workbench.bags import write_bag
 
 
@@ -122,3 +128,23 @@ def test_a_table_has_six_digits_and_lines_that_end_alike_everywhere(tmp_path):
     write_table(table, tmp_path / "t.csv")
     text = b"name,mm,n\na,0.333333,1\nb,2e-07,1234567\n"
     assert (tmp_path / "t.csv").read_bytes() == text
+
+
+@pytest.mark.parametrize("first_s", [0.0, 86400.0, 1.7e9, 2.1e9])
+def test_times_are_written_in_full(tmp_path, first_s):
+    """Also those that count from 1970: to a microsecond, of which 2^31 s leave two steps."""
+    times = first_s + np.arange(5) / 30
+    pose = Pose("measured", RigidTransform.identity(), np.eye(6), 0.1, 6, 3)
+    write_poses(pose_table([pose] * 5, times), tmp_path / "p.csv")
+    write_tum(read_poses(tmp_path / "p.csv"), tmp_path / "p.tum")
+    begin(tmp_path / "r", ["left"])
+    finish(tmp_path / "r", times)
+    (tmp_path / "joints.csv").write_text(table_text(pd.DataFrame({"t_s": times, "a": 1 / 3})))
+    for back in (
+        read_poses(tmp_path / "p.csv")["t_s"],
+        np.loadtxt(tmp_path / "p.tum")[:, 0],
+        read_timestamps(tmp_path / "r" / "timestamps.csv"),
+        pd.read_csv(tmp_path / "joints.csv")["t_s"],
+    ):
+        assert np.allclose(back, times, rtol=0, atol=1e-6)
+    assert (tmp_path / "joints.csv").read_text().splitlines()[1].endswith(",0.333333333")

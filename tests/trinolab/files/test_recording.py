@@ -3,6 +3,8 @@
 import logging
 import os
 import shutil
+import subprocess
+import sys
 from dataclasses import replace
 
 import cv2
@@ -10,7 +12,7 @@ import numpy as np
 import pytest
 
 from trinolab.datasets import load_rig
-from trinolab.files.images import read_grey
+from trinolab.files.images import camera_bits, read_grey, read_greys
 from trinolab.files.recording import frames_named, list_instants, read_instants
 
 SIZE = (32, 24)
@@ -113,6 +115,61 @@ def test_sixteen_bits_keep_their_fractions(folder, rig, caplog):
         image = read_instant(instant, rig)[0]
     assert np.allclose(image, levels * (255 / 65535), atol=1e-4)  # grey levels; float32
     assert len(caplog.messages) == 1
+
+
+@pytest.mark.parametrize("bits", [10, 12, 14, 16])
+@pytest.mark.parametrize("colour", [False, True])
+def test_a_camera_of_fewer_bits_has_all_grey_levels(bits, colour, tmp_path, caplog):
+    caplog.set_level(logging.INFO)
+    full = 2**bits - 1
+    rng = np.random.default_rng(bits)
+    levels = rng.integers(0, full + 1, (20, 6, 8)).astype(np.uint16)
+    levels[:, 0, 0] = full
+    levels[3] //= 5  # a dark one is no other scale
+    paths = [tmp_path / f"{k:02d}.png" for k in range(len(levels))]
+    for path, one in zip(paths, levels, strict=True):
+        cv2.imwrite(str(path), cv2.cvtColor(one, cv2.COLOR_GRAY2BGR) if colour else one)
+    for some in (slice(None), slice(3, 4), slice(10, 12)):
+        found = np.array(list(read_greys(paths[some])))
+        assert np.allclose(found, levels[some] * (255 / full), atol=1e-3)
+    assert caplog.messages[-1].endswith(f": {bits} bit scaled to grey levels 0 to 255; said once")
+    with camera_bits(16):
+        assert np.allclose(read_grey(paths[0]), levels[0] / 257, atol=1e-3)
+
+
+@pytest.mark.parametrize("setting", ["OPENCV_IPP=disabled", "OPENCV_LOG_LEVEL=VERBOSE"])
+def test_what_opencv_says_of_itself_is_no_damage(setting, tmp_path):
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((6, 8), np.uint8))
+    program = (
+        "import logging, sys, pathlib\n"
+        "logging.basicConfig(level=20, stream=sys.stdout)\n"
+        "from trinolab.files.images import read_grey\n"
+        "print(read_grey(pathlib.Path('a.png')).shape)\n"
+    )
+    name, value = setting.split("=")
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, name: value},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "(6, 8)\n"
+
+
+def test_a_value_beyond_the_bits_is_refused(tmp_path):
+    for k in range(50):
+        cv2.imwrite(str(tmp_path / f"{k:02d}.png"), np.full((6, 8), 4095 if k == 4 else 900, "u2"))
+    assert read_grey(tmp_path / "00.png")[0, 0] == pytest.approx(900 / 1023 * 255)
+    with pytest.raises(
+        ValueError, match=r"04\.png: has the value 4095, beyond the 10 bit .* --bits"
+    ):
+        read_grey(tmp_path / "04.png")
+    with camera_bits(12):
+        assert read_grey(tmp_path / "04.png")[0, 0] == pytest.approx(255)
+    with pytest.raises(ValueError, match="bits: expected 8 to 16, got 17"), camera_bits(17):
+        pass
 
 
 def test_a_conversion_is_said_once_for_all_cameras_whenever_it_begins(folder, rig, caplog):

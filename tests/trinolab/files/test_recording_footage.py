@@ -52,8 +52,8 @@ def folder(tmp_path, rig, images):
     return tmp_path / "r"
 
 
-def write_video(path, frames, codec="FFV1"):
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), 30, SIZE, isColor=False)
+def write_video(path, frames, codec="FFV1", fps=30):
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*codec), fps, SIZE, isColor=False)
     for frame in frames:
         writer.write(frame)
     writer.release()
@@ -159,13 +159,39 @@ def test_a_conversion_is_said_once_for_the_videos_of_all_cameras(tmp_path, rig, 
     ]
 
 
-def test_a_video_that_ends_early_is_named_after_its_frames(tmp_path, rig, images):
-    sources = videos(tmp_path, rig, images)
-    write_video(sources["ccd2"], images[:3, 1])
-    stream = instants(open_recording(sources, rig))
-    assert [next(stream).frame for _ in range(3)] == [0, 1, 2]
-    with pytest.raises(ValueError, match=r"ccd2\.mkv: ends after 3 frames"):
-        next(stream)
+@pytest.mark.parametrize("kind", ["videos", "folders", "folder and video"])
+@pytest.mark.parametrize("short", [0, 1])
+def test_what_all_cameras_have_is_taken(kind, short, folder, tmp_path, rig, images, caplog):
+    caplog.set_level("INFO")
+    sources = find_footage(folder, rig) if kind != "videos" else videos(tmp_path, rig, images)
+    if kind == "folder and video":
+        sources = {**sources, rig.names[short]: tmp_path / "v.mkv"}
+    if kind == "folders":
+        for k in (3, 4):
+            (sources[rig.names[short]] / f"{k:06d}.png").unlink()
+    else:
+        write_video(sources[rig.names[short]], images[:3, short])
+    found = list(instants(open_recording(sources, rig)))
+    np.testing.assert_array_equal([one.images for one in found], images[:3])
+    (line,) = caplog.messages
+    assert line.startswith(f"{sources[rig.names[short]]}: ends after 3 frames, another camera")
+
+
+@pytest.mark.parametrize("fps", [5.0, 25.0, 30.0, 59.94, 60.0, 120.0])
+@pytest.mark.parametrize("suffix", ["mkv", "avi", "mp4"])
+def test_the_rate_of_a_video_is_used(fps, suffix, tmp_path, rig, images, caplog):
+    caplog.set_level("INFO")
+    codec = "mp4v" if suffix == "mp4" else "FFV1"
+    sources = {name: tmp_path / f"{name}.{suffix}" for name in rig.names}
+    for k, path in enumerate(sources.values()):
+        write_video(path, images[:, k], codec, fps)
+    times = [one.t_s for one in instants(open_recording(sources, rig))]
+    assert np.allclose(times, np.arange(5) / fps, rtol=2e-3)
+    assert bool(caplog.messages) == (fps != 30)
+    assert open_recording(sources, rig, fps=7.0).time_of(3) == pytest.approx(3 / 7)
+    write_video(sources["ccd2"], images[:, 1], codec, 1.1 * fps)
+    with pytest.raises(ValueError, match=rf"ccd2\.{suffix}: states .* frames a second, "):
+        open_recording(sources, rig)
 
 
 def test_what_does_not_fit_is_named(tmp_path, folder, rig, images):
@@ -185,7 +211,7 @@ def test_what_does_not_fit_is_named(tmp_path, folder, rig, images):
             open_recording({**sources, **change}, rig)
     with pytest.raises(ValueError, match="ccd2: no video"):
         open_recording({"ccd1": sources["ccd1"]}, rig)
-    (folder / "images" / "ccd2" / "000004.png").unlink()
+    (folder / "images" / "ccd2" / "000002.png").unlink()
     with pytest.raises(ValueError, match=r"ccd2: 4 images, .*ccd1 has 5"):
         open_recording(sources, rig)
 

@@ -57,7 +57,7 @@ size = [640, 480]
 matrix = [[800, 0, 300], [0, 700, 250], [0, 0, 1]]
 distortions = [0.1, 0.2, 0.3, 0.4]
 rotation = [0, 0, 0]
-translation = [0, 0, 0]
+translation = [0, 0, 90]
 
 [metadata]
 adjusted = false
@@ -98,7 +98,7 @@ def test_round_trip_keeps_every_digit(tmp_path):
 
 
 def test_the_order_of_the_file_is_the_camera_axis(tmp_path):
-    tables = [table(name, translation=[float(k), 0, 0]) for k, name in enumerate("zam")]
+    tables = [table(name, translation=[100.0 * k, 0, 0]) for k, name in enumerate("zam")]
     path = write(tmp_path / "rig.toml", *tables)
     assert read_rig(path).names == ("z", "a", "m")
 
@@ -132,7 +132,7 @@ WRONG = {
     "a short translation": ("translation", table(translation=[0.0, 1.0])),
     "NaN in the distortion": ("distortions", table(distortions=[NAN, 0, 0, 0, 0])),
     "three distortions": ("distortions", table(distortions=[0.0, 0.0, 0.0])),
-    "eight distortions": ("distortions", table(distortions=[0.0] * 8)),
+    "eight distortions": ("distortions", table(distortions=[*[0.0] * 7, 1.0])),
     "digits as text": ("size", table(size=["640", "480"])),
     "a rotation that overflows": ("rotation", table(rotation=[1e200, 0.0, 0.0])),
     "a size that overflows": ("size", table(size=[1e300, 480])),
@@ -153,6 +153,40 @@ def test_a_wrong_camera_is_named_with_its_file_and_field(tmp_path, case):
     assert message.startswith(str(path))
     assert field in message.removeprefix(f"{path}: [cam_1]")
     assert message.count(str(path)) == 1
+
+
+def lens(f_u, f_v, c_u, c_v):
+    return {"matrix": [[f_u, 0.0, c_u], [0.0, f_v, c_v], [0.0, 0.0, 1.0]]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "question"),
+    [
+        ({"translation": [0.399, -0.005, 0.13]}, "at most .* mm apart; is it in metres"),
+        ({"translation": [2.0, 2.0, 3.0]}, "at most .* mm apart; is it in metres"),
+        ({"translation": [4e5, 2.0, 3.0]}, "at most .* mm apart; is it in micrometres"),
+        ({"rotation": [2.3, -20.05, -1.15]}, "rotation: 20.21 rad is beyond a turn; .* degrees"),
+        ({"rotation": [0.0, 0.0, 180.0]}, "rotation: 180 rad is beyond a turn"),
+        (lens(8.0, 8.0, 320.0, 240.0), "focal length of 8 px for .* in mm, or a share"),
+        (lens(1.1, 1.5, 0.5, 0.5), "focal length of 1.1 px for .* in mm, or a share"),
+        ({"size": [480, 640], **lens(700, 700, 319.5, 239.5)}, "width and height exchanged"),
+        ({"size": [1024, 1280], **lens(2000, 2000, 650, 500)}, "width and height exchanged"),
+        ({"translation": [40.0, 2.0, 3.0]}, None),
+        ({"translation": [9e4, 2.0, 3.0]}, None),
+        ({"rotation": [0.0, 0.0, 6.2]}, None),
+        ({"size": [480, 640], **lens(700, 700, 250, 330)}, None),
+        ({"size": [640, 480], **lens(700, 700, 400, 130)}, None),  # a part of a larger picture
+        (lens(70.0, 70.0, 320.0, 240.0), None),
+    ],
+)
+def test_numbers_that_are_likely_of_another_unit_are_asked_about(tmp_path, changes, question):
+    second = table("b", **{"translation": [100.0, 2.0, 3.0], **changes})
+    path = write(tmp_path / "rig.toml", table("a"), second)
+    if question is None:
+        assert read_rig(path).names == ("a", "b")
+    else:
+        with pytest.raises(ValueError, match=question):
+            read_rig(path)
 
 
 @pytest.mark.parametrize(
