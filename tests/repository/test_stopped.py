@@ -61,11 +61,11 @@ import time
 from pathlib import Path
 from trinolab.files import images
 real = images._read
-def read(path, size):
+def read(path, size, bits):
     while str(path) == "b/04.png" and not Path({GATE!r}).exists():
         Path({REACHED!r}).touch()
         time.sleep(0.01)
-    return real(path, size)
+    return real(path, size, bits)
 images._read = read
 """
     + CLI

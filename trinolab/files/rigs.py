@@ -154,7 +154,7 @@ def _cameras(tables: dict[str, Any], path: str | Path) -> list[Camera]:
     if isinstance(arrays := tables.get("cameras"), dict):
         tables = caliscope_tables(arrays)
     cameras = {key: table for key, table in tables.items() if _is_camera(table)}
-    limits.check_count(len(cameras), limits.CAMERAS, "cameras")
+    limits.check_count(len(cameras or tables), limits.CAMERAS, "cameras")
     return [
         _camera_from(table, f"{path}: [{key if key.isprintable() else repr(key)}]")
         for key, table in cameras.items()
