@@ -16,9 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from . import limits
 
-MOST_BYTES = (
-    1 << 16
-)  # of YAML, XML and JSON: they are parsed slowly, and those that are read are short
+# of YAML, XML and JSON: they are parsed slowly, and those that are read are short
+MOST_BYTES = 1 << 16
 METRE_MM = 1e3
 WAY_OUT = (
     "make its cameras with trinolab.Camera.from_opencv, and write them with trinolab.write_rig"
