@@ -76,9 +76,10 @@ def contradictions(table: pd.DataFrame, rig: str | Path) -> list[str]:
     for a rig and a handle that are stated to be exact, so that nothing else is systematic.
     """
     with_pose = table[table["status"].isin(["measured", "ambiguous"])]
-    # a misfit by chance adds less than the noise
-    total, systematic = with_pose["sigma_mm"], with_pose["systematic_mm"]
-    count = int((2 * systematic**2 > total**2).sum())
+    # a misfit by chance adds less than the noise; equal parts of a sigma count, to rounding
+    least = with_pose["sigma_mm"] / np.sqrt(2) * (1 - 1e-9)
+    systematic = with_pose["systematic_mm"]
+    count = int(((systematic > 0) & (systematic >= least)).sum())
     if count <= max(OFTEN * len(with_pose), SEVERAL):
         return []
     return [
