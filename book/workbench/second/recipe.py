@@ -1,4 +1,5 @@
-"""The stored recipe: sixty instants of the handle at rest and a short film, as recording folders.
+"""The stored recipe: two sets of sixty instants of a handle at rest, and a short film, as recording
+folders.
 
 The four cameras are those of the shipped rigs: CCD1, CCD2, and CCD3 above the work and at 40 deg. A
 frame follows from the recipe's seed, its number and its camera, so that a rendering can stop and go
@@ -42,6 +43,21 @@ FILM_FRAMES, FPS = 24, 30.0
 EXPOSURE_S, MOMENTS = 0.004, 6  # of a frame of the film
 FILM_ROOM = Room(samples=36 * MOMENTS, near_samples=4 * MOMENTS, far_samples=MOMENTS)
 LIGHT_AFTER, LIGHT_STEP = 1.3, 12  # the light's factor from this frame on
+# The third set of frames judges what was chosen on the others: other lights, varnish, paint, lens,
+# sensor and textures, and other poses. It was stored before anything was measured on it.
+THIRD_POSES = 30
+THIRD_ROOM = Room(
+    seed=53,
+    aperture_mm=2.0,
+    focus_mm=590.0,
+    marker_reflectance=0.6,
+    body_reflectance=0.1,
+    roughness=0.15,
+    lamp=60.0,
+    second_lamp=190.0,
+    surround=1.0,
+    electrons_per_grey=12.0,
+)
 _STEEPEST_DEG, _MARGIN_PX = 62.0, 10.0  # of a marker that a camera truly sees
 
 
@@ -96,6 +112,20 @@ def stills(handle_name: str) -> Shooting:
     poses = [RigidTransform.concatenate([T]) for T in truth]
     times = np.arange(len(truth), dtype=float)
     return Shooting(four_cameras(), handle, poses, truth, [1.0] * len(truth), times, False, number)
+
+
+def third_set(handle_name: str) -> Shooting:
+    """Thirty instants of a handle at rest, in other light and at other poses than `stills`."""
+    handle = load_handle(handle_name)
+    number = 1 + len(HANDLES) + HANDLES.index(handle_name)
+    rng = np.random.default_rng([SEED, number])
+    truth = RigidTransform.concatenate([_random_pose(handle, rng) for _ in range(THIRD_POSES)])
+    poses = [RigidTransform.concatenate([T]) for T in truth]
+    times = np.arange(len(truth), dtype=float)
+    gains = [1.0] * len(truth)
+    return Shooting(
+        four_cameras(), handle, poses, truth, gains, times, False, number, THIRD_ROOM
+    )
 
 
 def film() -> Shooting:
@@ -242,7 +272,11 @@ def _random(shooting: Shooting, number: int, camera: int) -> np.random.Generator
 
 def recordings() -> dict[str, Shooting]:
     """All of the recipe, by the names of their folders."""
-    return {**{f"stills-{name}": stills(name) for name in HANDLES}, "film": film()}
+    return {
+        **{f"stills-{name}": stills(name) for name in HANDLES},
+        **{f"third-{name}": third_set(name) for name in HANDLES},
+        "film": film(),
+    }
 
 
 def rigs() -> dict[str, Rig]:

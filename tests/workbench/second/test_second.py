@@ -185,21 +185,34 @@ def test_a_capsule_is_at_its_radius_from_the_segment():
 # --- the recipe
 
 
-def test_the_recipe_has_sixty_instants_and_a_film():
+def test_the_recipe_has_two_sets_of_sixty_instants_and_a_film():
     shootings = recipe.recordings()
     stills = [shooting for shooting in shootings.values() if not shooting.held]
-    assert sum(len(shooting.truth) for shooting in stills) == 60
+    assert sum(len(shooting.truth) for shooting in stills) == 120
     for shooting in stills:
-        np.testing.assert_array_equal(shooting.truth[:20].as_matrix(), TRUTHS.as_matrix())
         assert all(len(poses) == 1 for poses in shooting.poses)
+    for handle in recipe.HANDLES:
+        first_twenty = shootings[f"stills-{handle}"].truth[:20]
+        np.testing.assert_array_equal(first_twenty.as_matrix(), TRUTHS.as_matrix())
     assert len({shooting.number for shooting in shootings.values()}) == len(shootings)
+
+
+def test_the_third_set_shares_no_pose_and_no_light_with_the_second():
+    shootings = recipe.recordings()
+    for handle in recipe.HANDLES:
+        stills, third = shootings[f"stills-{handle}"], shootings[f"third-{handle}"]
+        places = np.concatenate([one.truth.translation for one in (stills, third)])
+        assert len(np.unique(places, axis=0)) == 60
+        assert stills.room.seed != third.room.seed
+        assert stills.room.lamp / stills.room.second_lamp > 1
+        assert third.room.lamp / third.room.second_lamp < 1
 
 
 def test_random_poses_can_be_measured_by_the_pair():
     """Four markers within 62 deg of both cameras, and across the line of sight by 30 deg or less."""
     for name in recipe.HANDLES:
         shooting = recipe.stills(name)
-        for T in shooting.truth[20:]:
+        for T in (*shooting.truth[20:], *recipe.third_set(name).truth):
             both = set(facing(shooting.rig.cameras[0], shooting.handle, T, 62)) & set(
                 facing(shooting.rig.cameras[1], shooting.handle, T, 62)
             )
