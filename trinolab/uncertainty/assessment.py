@@ -501,12 +501,13 @@ def _with_each(base: Array, log_base: Array, joint: Array, prior: Prior) -> tupl
 def _mixture(fit: LinearFit, seen: _Seen, lines: _Lines) -> Assessment:
     """The mean over all sizes, each weighted by its prior and its marginal likelihood."""
     m = len(seen.y)
-    inside, pose = slice(m), slice(m, m + 6)
-    root = np.linalg.cholesky(np.eye(m) + lines.others[:, inside, inside])
-    half = np.linalg.solve(root, lines.axis[:, inside, inside])
-    values, vectors = np.linalg.eigh(np.linalg.solve(root, half.mT))
+    inside, pose, rig = slice(m), slice(m, m + 6), slice(m + 6, None)
+    others, axis = lines.others, lines.axis
+    root = np.linalg.cholesky(np.eye(m) + others[:, inside, inside])
+    inverse_root = np.linalg.inv(root)
+    values, vectors = np.linalg.eigh(inverse_root @ axis[:, inside, inside] @ inverse_root.mT)
     # from whitened residuals to those whose covariance is 1 + size * values
-    turn = np.linalg.solve(root.mT, vectors)  # (n, m, m)
+    turn = inverse_root.mT @ vectors  # (n, m, m)
     z = seen.y @ turn  # (n, m)
     variances = 1 + lines.sizes[..., None] * np.maximum(values, 0.0)[:, None]  # (n, a, m)
     squares = (z[:, None] ** 2 / variances).sum(axis=2)
@@ -515,28 +516,33 @@ def _mixture(fit: LinearFit, seen: _Seen, lines: _Lines) -> Assessment:
     log_weights = lines.log_weights - log_det / 2 - (FREEDOM + m) / 2 * np.log(FREEDOM + squares)
     weights = np.exp(log_weights - log_weights.max())
     weights /= weights.sum()
-    line, size = np.nonzero(weights > FEWEST_WEIGHT)
-    weight = weights[line, size] / weights[line, size].sum()
-    sizes = lines.sizes[line, size][:, None, None]
-    turn = turn[line]
-    joint = lines.others[line] + sizes * lines.axis[line]
-    cross = joint[:, pose, inside] @ turn
-    of_rig = joint[:, m + 6 :, inside] @ turn
-    inverse = 1 / variances[line, size]
-    by_residuals = cross * inverse[:, None]  # (n, 6, m)
-    corrections = seen.moved - (by_residuals @ z[line][..., None])[..., 0]
+    counted = np.where(weights > FEWEST_WEIGHT, weights, 0.0)
+    counted /= counted.sum()
+    line, size = np.nonzero(counted)
+    weight = counted[line, size]
+
+    def joint(rows: slice, columns: slice) -> Array:
+        """The part of the covariance of the components, for each line and size that counts."""
+        sizes = lines.sizes[line, size][:, None, None]
+        return others[line, rows, columns] + sizes * axis[line, rows, columns]
+
+    cross = joint(pose, inside)
+    mine = turn[line]
+    gain = (cross @ mine / variances[line, size][:, None]) @ mine.mT  # (n, 6, m)
+    corrections = seen.moved - gain @ seen.y
     correction = weight @ corrections
     spread = corrections - correction
     scale = weight * (FREEDOM + squares[line, size]) / (FREEDOM + m - 2)
-    in_common = by_residuals @ (seen.noise[m:] @ turn).mT
-    of_noise = by_residuals @ (turn.mT @ seen.noise[:m] @ turn) @ by_residuals.mT
-    of_noise = of_noise - in_common - in_common.mT
+    in_common = gain @ seen.noise[m:].T
+    of_noise = gain @ seen.noise[:m] @ gain.mT - in_common - in_common.mT
     random = np.einsum("n,nij->ij", scale, fit.covariance + of_noise)
-    whole = np.einsum(
-        "n,nij->ij", scale, fit.covariance + joint[:, pose, pose] - by_residuals @ cross.mT
-    )
+    whole = np.einsum("n,nij->ij", scale, fit.covariance + joint(pose, pose) - gain @ cross.mT)
     whole = whole + (weight * spread.T) @ spread
-    displacement = weight @ (of_rig @ (inverse * z[line])[..., None])[..., 0]
+    # the rig answers to residuals times the inverse of their covariance, and to that times the size
+    shares = np.stack([counted, counted * lines.sizes])[..., None] / variances
+    by_y, by_size = (turn @ (shares.sum(axis=2) * z)[..., None])[..., 0]
+    displacement = np.einsum("npm,nm->p", others[:, rig, inside], by_y)
+    displacement = displacement + np.einsum("npm,nm->p", axis[:, rig, inside], by_size)
     by_fault = dict.fromkeys(lines.names, 0.0)
     for name, share in zip(lines.names, weights.sum(axis=1).tolist(), strict=True):
         by_fault[name] += share

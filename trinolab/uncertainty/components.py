@@ -72,8 +72,8 @@ SILENT_RIG = half_cauchy(1e-4, 1e4, 17, scale=2.0)
 SILENT_PLACEMENT = half_cauchy(1e-3, 1e2, 6, scale=1.0)
 # The light on centroids, by `centroids.LIGHT`.
 LIGHT = half_cauchy(1e-3, 1e3, 7, scale=0.5)
-# Faults, of which there is at most one; with `NO_FAULT` the shares sum to 1. Chosen on the broken
-# bench of `stress`.
+# Faults, of which there is at most one; with `NO_FAULT` the shares sum to 1. They are equal, since
+# nothing is known of which fault is the more common. Chosen on the broken bench of `stress`.
 NO_FAULT = 0.6
 FAULTS: dict[str, Prior] = {
     "distorted images": any_size(1e-3, 1.0, 4, 0.08),

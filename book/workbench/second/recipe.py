@@ -123,9 +123,7 @@ def third_set(handle_name: str) -> Shooting:
     poses = [RigidTransform.concatenate([T]) for T in truth]
     times = np.arange(len(truth), dtype=float)
     gains = [1.0] * len(truth)
-    return Shooting(
-        four_cameras(), handle, poses, truth, gains, times, False, number, THIRD_ROOM
-    )
+    return Shooting(four_cameras(), handle, poses, truth, gains, times, False, number, THIRD_ROOM)
 
 
 def film() -> Shooting:
