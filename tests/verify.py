@@ -31,6 +31,7 @@ from verification import (
     nees,
     refined,
     slave,
+    slips,
     spread,
     tracks,
 )
@@ -52,6 +53,7 @@ SECTIONS = {
     "heavy": heavy.report,
     "chapters": chapters.report,
     "mutants": mutants.report,
+    "slips": slips.report,
     "spread": spread.report,
 }
 
@@ -75,10 +77,18 @@ def _arguments() -> argparse.Namespace:
         ("hostile", 1000, "hostile instants in all"),
         ("refined", 20, "draws of rig and layout for each rig and handle that a recording refines"),
         ("recordings", 2, "recordings that are rendered and refined, for each rig"),
+        ("slips", 10, "slips planted in each module of the package"),
+        ("slip-workers", 2, "copies of the package that are tested at once"),
         ("files", 100_000, "wrong files for the readers of users' files"),
         ("commands", 300, "commands that are run on wrong files, with 2 GB of memory"),
     ):
         parser.add_argument(f"--{name}", type=int, default=number, help=f"{what} (%(default)s)")
+    parser.add_argument(
+        "--slip-modules",
+        nargs="+",
+        metavar="MODULE",
+        help="in which slips are planted; all without it",
+    )
     parser.add_argument(
         "--groups",
         nargs="+",
