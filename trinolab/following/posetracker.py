@@ -383,7 +383,8 @@ def _begun(
     followed = follow(images, _guess(motion, False, setup), setup, known, work)
     if followed.pose is LOST:
         return lost, nowhere
-    unambiguous &= is_complete
+    # a search that was cut short may have missed a rival, but none that as many cameras would show
+    unambiguous &= is_complete or _enough_cameras(followed, rig)
     state, tracked = _measured(followed, unambiguous, handle, p)
     tracked = tracked._replace(windows=whole)
     if unambiguous or len(handle.symmetries) > 1:

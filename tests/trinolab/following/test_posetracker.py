@@ -385,11 +385,21 @@ def cut_search(monkeypatch):
     monkeypatch.setattr(posetracker, "identified", identified)
 
 
-def test_a_search_that_was_cut_leaves_it_open_which_pose_holds(cut_search):
-    """A rival may not have been tried; the next instant is searched again."""
+@pytest.mark.parametrize(("cameras", "status"), [(1, "ambiguous"), (2, "measured"), (3, "measured")])
+def test_a_search_that_was_cut_is_enough_where_half_of_the_cameras_show_the_pose(
+    cameras, status, cut_search, monkeypatch
+):
+    """Of one camera a rival may not have been tried; the next instant is searched again."""
+
+    def shown_by(*arguments):
+        followed = look_module.follow(*arguments)
+        return followed._replace(pose=replace(followed.pose, cameras=cameras))
+
+    monkeypatch.setattr(posetracker, "follow", shown_by)
     found = tracked(clip(CODED, 2), CODED)
-    assert [one.measurement.pose.status for one in found] == ["ambiguous"] * 2
-    assert [one.labels is None or one.windows[0].area == 1280 * 1024 for one in found] == [True] * 2
+    assert [one.measurement.pose.status for one in found] == [status] * 2
+    is_whole = [one.windows[0].area == 1280 * 1024 for one in found]
+    assert is_whole == [True, status == "ambiguous"]
 
 
 @pytest.mark.parametrize("is_cut", [False, True])
