@@ -1,11 +1,11 @@
-"""Rig files that are off, before the frames of two renderers: how far the poses are off then, and
-what they say of that.
+"""Rig files that are off, and three sets of frames: the errors of the poses, and their covariances.
 
     python -m workbench.studies drawn_rigs
 
 makes ``drawn_rigs.csv`` again. The images are those of `second_renderer`: stills of a handle that a
 path tracer has rendered, which takes Mitsuba 3 where they are not kept, and those of our own bench at
-the same poses. Each of them is measured with the rig as it is, and with rig files that are off by drawn
+the same poses. The third set, path-traced as well, judges what was chosen on these: see
+`second.recipe`. Each image is measured with the rig as it is, and with rig files that are off by drawn
 amounts, good and bad ones. A file states how far it may be off, or it says nothing.
 """
 
@@ -33,10 +33,12 @@ from . import stress
 from .broken import believed
 from .carrier import all_runs
 from .replication import EVERY, deviation, measure_instant
-from .second_renderer import OURS, SECOND, our_instant, recorded, with_own
+from .second_renderer import OURS, SECOND, our_instant, recorded
 
 RIGS = ("paper_pair", "raised_40deg")
 SEED = 61  # of the draws
+THIRD = "third"  # stands in the column of renderers for the set that judges
+SEEDS = {SECOND: SEED, OURS: SEED, THIRD: 62}
 
 
 class Level(NamedTuple):
@@ -64,12 +66,12 @@ def trial(renderer: str, handle: str, instant: int, draws: int, kept: str) -> di
 
     Parameters
     ----------
-    renderer : {"second", "bench"}
+    renderer : {"second", "bench", "third"}
     handle : str
         A shipped one of the recipe. Where it has look-alikes the true pose chooses among them, and
         nothing else.
     instant : int
-        Of the recipe's stills.
+        Of the set of frames.
     draws : int
         Rig files of each size. A draw has one direction of error, which the sizes scale; renderers,
         handles, estimators, and what is stated, are compared on the same draws.
@@ -82,17 +84,18 @@ def trial(renderer: str, handle: str, instant: int, draws: int, kept: str) -> di
         For each rig, level, estimator and quantity of `sums` a number, named
         ``rig/level/estimator/quantity``; levels go by their numbers.
     """
-    folder = recorded(f"stills-{handle}", Path(kept))
+    stills = "third" if renderer == THIRD else "stills"
+    folder = recorded(f"{stills}-{handle}", Path(kept))
     the_handle = load_handle(handle)
     T = poses_by_frame(read_poses(folder / "truth.csv"))[instant]
-    if renderer == SECOND:
-        images = next(instants(open_folder(folder)[0], instant)).images
-    else:
+    if renderer == OURS:
         images = our_instant(instant, T, the_handle)
+    else:
+        images = next(instants(open_folder(folder)[0], instant)).images
     results = {}
     rigs = recipe.rigs()
     for name, (number, level) in product(RIGS, enumerate(LEVELS)):
-        files = drawn(rigs[name], level, instant, draws)
+        files = drawn(rigs[name], level, instant, draws, SEEDS[renderer])
         poses = _measured(recipe.by_rig(images, name), files, the_handle, T)
         for estimator, found in poses.items():
             for quantity, value in sums(found, T, the_handle).items():
@@ -100,13 +103,13 @@ def trial(renderer: str, handle: str, instant: int, draws: int, kept: str) -> di
     return results
 
 
-def drawn(rig: Rig, level: Level, instant: int, draws: int) -> Iterator[Rig]:
+def drawn(rig: Rig, level: Level, instant: int, draws: int, seed: int = SEED) -> Iterator[Rig]:
     """What rig files say of a rig; one that is exact says one thing."""
     if level == EXACT:
         yield rig
         return
     for draw in range(draws):
-        yield believed(rig, *level, np.random.default_rng([SEED, instant, draw]))
+        yield believed(rig, *level, np.random.default_rng([seed, instant, draw]))
 
 
 def _measured(
@@ -150,11 +153,11 @@ def make_table(draws: int, workers: int, kept: Path) -> pd.DataFrame:
         If Mitsuba is not installed where a recording is missing, a recording cannot be written or
         read, or an instant fails.
     """
-    for handle in recipe.HANDLES:
-        recorded(f"stills-{handle}", kept)
+    for stills, handle in product(("stills", "third"), recipe.HANDLES):
+        recorded(f"{stills}-{handle}", kept)
     poses = range(len(recipe.stills(recipe.HANDLES[0]).truth))
     grid: dict[str, Sequence] = {
-        "renderer": [SECOND, OURS],
+        "renderer": list(SEEDS),
         "handle": list(recipe.HANDLES),
         "instant": list(poses),
         "draws": [draws],
@@ -164,22 +167,22 @@ def make_table(draws: int, workers: int, kept: Path) -> pd.DataFrame:
     rows = [
         {"renderer": renderer, "rig": rig, "handle": handle, "estimator": estimator}
         | level._asdict()
-        | row(part, f"{rig}/{number}/{estimator}")
+        | row(part, f"{rig}/{number}/{estimator}", SEEDS[renderer])
         for (renderer, handle), part in runs.groupby(["renderer", "handle"], sort=False)
         for rig, (number, level), estimator in product(RIGS, enumerate(LEVELS), EVERY)
     ]
     return pd.DataFrame(rows)
 
 
-def row(instants: pd.DataFrame, name: str) -> dict[str, float]:
+def row(instants: pd.DataFrame, name: str, seed: int = SEED) -> dict[str, float]:
     """The row of some instants, of the columns whose names begin so."""
-    low, high, _ = of_ratio(instants[f"{name}/nees"], instants[f"{name}/measured"], SEED)
-    return stress.judged(instants, name) | {"seed": SEED, "nees_low": low, "nees_high": high}
+    low, high, _ = of_ratio(instants[f"{name}/nees"], instants[f"{name}/measured"], seed)
+    return stress.judged(instants, name) | {"seed": seed, "nees_low": low, "nees_high": high}
 
 
 def by_file(table: pd.DataFrame, estimator: str, stated: bool) -> pd.DataFrame:
-    """The shipped table for a reader: what rig files that are off do to an estimator's poses, on the
-    second renderer's images and beside it on our own bench's.
+    """The shipped table for a reader: errors and covariances of an estimator with rig files that are
+    off, on the third set of frames, and on the second renderer's, which constants were chosen on.
 
     Parameters
     ----------
@@ -192,15 +195,22 @@ def by_file(table: pd.DataFrame, estimator: str, stated: bool) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        What the file is off by, rig and handle; `n` poses and the share `measured`; rms of error by
-        reported sigma for mm and deg, and mean NEES. The columns ``..., own`` are those of our bench.
+        Indexed by what the file is off by, rig and handle: `n` poses and the share `measured`; mean
+        errors, rms of error divided by sigma for mm and deg, and mean NEES of the third set; in the
+        columns ``..., second`` those of the second renderer's stills.
     """
     columns = {
+        "mm": "mean_mm",
+        "deg": "mean_deg",
         "by sigma, mm": "error_by_sigma_mm",
         "by sigma, deg": "error_by_sigma_deg",
         "NEES": "nees",
     }
     mine = table[(table["estimator"] == estimator) & (table["stated"] == stated)]
-    rows = with_own(mine[mine["off_px"] > 0], ["off_px", "rig", "handle"], columns)
-    rows["measured"] /= rows["n"]
-    return rows.sort_index(level="off_px", sort_remaining=False).reset_index()
+    off = mine[mine["off_px"] > 0].set_index(["off_px", "rig", "handle"])
+    third, second = (off[off["renderer"] == name] for name in (THIRD, SECOND))
+    rows = third[["n"]].assign(measured=third["measured"] / third["n"])
+    for name, column in columns.items():
+        rows[name] = third[column]
+        rows[f"{name}, second"] = second[column]
+    return rows.sort_index(level="off_px", sort_remaining=False)

@@ -252,8 +252,8 @@ def _on_second(rig: str, unit: str) -> Result:
 
 
 def _honesty_on_second(estimator: str) -> Result:
-    """See `second_renderer.farthest_from_honest`."""
-    return Result(*second_renderer.farthest_from_honest(load_sweep("second_renderer"), estimator))
+    """See `second_renderer.largest_sigma_factor`."""
+    return Result(*second_renderer.largest_sigma_factor(load_sweep("second_renderer"), estimator))
 
 
 def _false_when_broken() -> float:

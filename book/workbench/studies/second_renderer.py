@@ -56,10 +56,9 @@ def make_table(kept: Path) -> pd.DataFrame:
     ValueError
         If Mitsuba is not installed, or a recording cannot be written or read.
     """
-    folders = {name: recorded(name, kept) for name in recipe.recordings()}
     rows = []
     for handle_name in recipe.HANDLES:
-        folder = folders[f"stills-{handle_name}"]
+        folder = recorded(f"stills-{handle_name}", kept)
         _, handle = open_folder(folder)
         truths = list(poses_by_frame(read_poses(folder / "truth.csv")).values())
         for renderer, frames in ((SECOND, read(folder)), (OURS, ours(truths, handle))):
@@ -71,7 +70,7 @@ def make_table(kept: Path) -> pd.DataFrame:
                 for estimator in EVERY
             ]
     film = {"renderer": SECOND, "rig": recipe.FILM_RIG, "handle": recipe.FILM_HANDLE}
-    rows.append({**film, "estimator": FILM} | judged(followed(folders["film"])))
+    rows.append({**film, "estimator": FILM} | judged(followed(recorded("film", kept))))
     return pd.DataFrame(rows)
 
 
@@ -140,7 +139,7 @@ class Factor(NamedTuple):
     seed: int
 
 
-def farthest_from_honest(table: pd.DataFrame, estimator: str) -> Factor:
+def largest_sigma_factor(table: pd.DataFrame, estimator: str) -> Factor:
     """The largest factor, either way, between the rms error and the sigma of a rig, a handle and a
     unit, on the second renderer's stills.
 
