@@ -201,9 +201,11 @@ def handle_of(what: Handle | str | Path) -> Handle:
 
 def _file_meant(folder: str, kind: str, what: str | Path) -> Path:
     if not isinstance(what, (str, Path)) or not str(what):
+        # without the numbers of a rig
+        given = f"a {type(what).__name__}" if isinstance(what, Rig | Handle) else f"{what!r:.60}"
         raise ValueError(
             f"{kind}: expected a file or the name of a shipped one "
-            f"({', '.join(_shipped(folder))}), got {_briefly(what)}"
+            f"({', '.join(_shipped(folder))}), got {given}"
         )
     path = Path(what)
     if path.exists() or path.is_symlink() or path.suffix or len(path.parts) != 1:
@@ -214,11 +216,6 @@ def _file_meant(folder: str, kind: str, what: str | Path) -> Path:
             f"{what}: no such file, and no shipped {kind} ({', '.join(names)}){_exchanged(folder, what)}"
         )
     return data_path(folder, f"{what}.toml")
-
-
-def _briefly(what: object) -> str:
-    """A short description of what was given in the place of a rig or a handle, without its numbers."""
-    return f"a {type(what).__name__}" if isinstance(what, Rig | Handle) else f"{what!r:.60}"
 
 
 def _exchanged(folder: str, what: str | Path) -> str:

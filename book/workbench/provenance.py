@@ -47,16 +47,13 @@ def surroundings(code: Iterable[Path] | None = None) -> dict[str, str]:
         str(os.environ.get("TRINOLAB_DATA")),
         *_installed(),
     ]
+    # without the scripts that make them
+    data = [path for path in data_path().glob("**/*") if path.suffix != ".py"]
     return {
         "the package": hash_code(our_files() if code is None else code),
-        "its data": hash_files(_data_files(), data_path()),
+        "its data": hash_files(data, data_path()),
         "the environment": hash_text("\n".join(environment)),
     }
-
-
-def _data_files() -> list[Path]:
-    """The shipped data, without the scripts that make them."""
-    return [path for path in data_path().glob("**/*") if path.suffix != ".py"]
 
 
 @lru_cache

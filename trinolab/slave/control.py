@@ -217,7 +217,9 @@ class Inverse:
             The reference T_base_tool at the beginning and at the end of the tick, mm.
         """
         now = self.tool(command.q)
-        self._task.set_target(self._se3(_goal(now, before, after, self.tick_s)))
+        goal = _goal(now, before, after, self.tick_s)
+        turn = quaternion(rotation_of(goal))
+        self._task.set_target(self._mink.SE3(np.array([*turn, *(goal.translation / 1000)])))
         low, high = speed_bounds(command.q, command.speed, self.robot.limits, self.tick_s)
         self._limit.low = low * self.tick_s
         self._limit.high = high * self.tick_s
@@ -226,10 +228,6 @@ class Inverse:
         )
         speed = np.clip(velocity, low, high)  # the solver keeps its bounds to a tolerance
         return Command(frozen(command.q + speed * self.tick_s), frozen(speed))
-
-    def _se3(self, pose: RigidTransform) -> Any:
-        turn = quaternion(rotation_of(pose))
-        return self._mink.SE3(np.array([*turn, *(pose.translation / 1000)]))
 
 
 def _bounds_of(n: int) -> Any:

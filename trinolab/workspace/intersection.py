@@ -163,7 +163,9 @@ def view_volume(rig: Rig, farthest_mm: float | None = None) -> Polyhedron:
     planes = np.vstack([_pyramid(camera) for camera in rig.cameras])
     if farthest_mm is not None:
         depth = as_number(farthest_mm, "farthest_mm", low=0.0, open_low=True)
-        planes = np.vstack([planes, *(_end(camera, depth) for camera in rig.cameras)])
+        # the plane at that depth before each camera
+        ends = [np.append(one.axis, -one.axis @ one.centre - depth) for one in rig.cameras]
+        planes = np.vstack([planes, *ends])
     scale = (
         max(float(np.linalg.norm(camera.centre - rig.cameras[0].centre)) for camera in rig.cameras)
         or 1.0
@@ -190,11 +192,6 @@ def _pyramid(camera: Camera) -> Array:
     normals = np.cross(np.roll(rays, -1, axis=0), rays)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     return np.column_stack([normals, -normals @ camera.centre])
-
-
-def _end(camera: Camera, depth_mm: float) -> Array:
-    """The plane at a depth before a camera, shape (1, 4), in the form of `_pyramid`."""
-    return np.append(camera.axis, -camera.axis @ camera.centre - depth_mm)[None]
 
 
 def _outward(points: Array, hull: ConvexHull) -> np.ndarray:

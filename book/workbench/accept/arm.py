@@ -280,7 +280,8 @@ def path_numbers(setup: Setup, shape: str, trial: dict[str, Any]) -> tuple[list[
     mean = off.mean(axis=1)
     longest = float(np.linalg.norm(mean, axis=1).max())
     factor = 10.0 ** np.floor(np.log10(0.2 * RADIUS_MM / max(longest, 1e-9)))
-    flat = _plane(points)
+    # two directions of the path's plane
+    flat = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][:2]
     picture = Picture(
         shape,
         f"The commanded {shape} as dots, and the mean way of the tool, whose distance from it is "
@@ -300,7 +301,9 @@ def off_path(shape: str, trial: dict[str, Any]) -> tuple[Array, Array]:
     for at in stations(shape):
         rounds = 1 + np.arange(ROUNDS)  # the first one begins at rest
         due = (at + rounds * length_of(shape)) / SPEED_MM_S + STILL_S + LEAD_S
-        point, ahead = (_interpolated(times, hand, t) for t in (due[0], due[0] + 0.01))
+        point, ahead = np.stack(
+            [np.interp([due[0], due[0] + 0.01], times, column) for column in hand.T], axis=1
+        )
         forward = (ahead - point) / np.linalg.norm(ahead - point)
         away = crossings(tool, times, point, forward, due) - point
         if np.isfinite(away).all():
@@ -316,12 +319,3 @@ def stations(shape: str) -> Array:
         return distance
     from_corner = np.abs((distance + SIDE_MM / 2) % SIDE_MM - SIDE_MM / 2)
     return distance[from_corner >= AWAY_MM]
-
-
-def _interpolated(times: Array, values: Array, t: float) -> Array:
-    return np.array([np.interp(t, times, column) for column in values.T])
-
-
-def _plane(points: Array) -> Array:
-    """Two directions of the plane of points, shape (2, 3)."""
-    return np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][:2]

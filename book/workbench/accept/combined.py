@@ -245,7 +245,8 @@ def _notes(setup: Setup, set_ups: int) -> list[str]:
             "axis, as a good calibration is"
         )
     placement_mm = setup.handle.placement_sigma_mm or PLACEMENT_MM
-    warmer = 10 * EXPANSION * _depth_mm(setup)
+    depth_mm = setup.rig.cameras[0].T_cam_world.apply(setup.field.centre)[2]
+    warmer = 10 * EXPANSION * depth_mm
     return [
         f"{set_ups} set-ups of {TOGETHER} poses each. The files are off, and state it: {calibration}, and "
         f"each coordinate of each marker by {placement_mm:g} mm. Depth is along the first camera's axis; "
@@ -256,11 +257,6 @@ def _notes(setup: Setup, set_ups: int) -> list[str]:
         f"10 K warmer than at its calibration is larger by {1e6 * 10 * EXPANSION:.0f} parts in a million, "
         f"{warmer:.2f} mm of depth in the middle of the field.",
     ]
-
-
-def _depth_mm(setup: Setup) -> float:
-    """Of the middle of the field before the first camera."""
-    return float(setup.rig.cameras[0].T_cam_world.apply(setup.field.centre)[2])
 
 
 def _picture(places: Array, distances: Array) -> Picture:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -66,11 +66,7 @@ class Number:
 
     def within(self, interval: Interval) -> Number:
         """The same with an interval."""
-        return Number(**{**asdict(self), **_named(interval)})
-
-
-def _named(interval: Interval) -> dict[str, Any]:
-    return {"low": interval.low, "high": interval.high, "interval": interval.how}
+        return replace(self, low=interval.low, high=interval.high, interval=interval.how)
 
 
 class Picture(NamedTuple):

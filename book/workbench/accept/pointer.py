@@ -64,7 +64,7 @@ def touching(
 ) -> RigidTransform:
     """A pose whose tip is at a point, its axis even in the cone, any turn, its origin in the field."""
     up = np.array([0.0, 1.0, 0.0])  # the handle's axis
-    stand = _between(up, down)
+    stand = Rotation.align_vectors(down[None], up[None])[0]
     for _ in range(tries):
         tilt = np.arccos(rng.uniform(np.cos(np.deg2rad(CONE_DEG)), 1.0))
         azimuth, turn = rng.uniform(0, 2 * np.pi, 2)
@@ -74,11 +74,6 @@ def touching(
         if setup.field.holds(position[None])[0]:
             return RigidTransform.from_components(position, R)
     raise ValueError("rig: the common field of view has no room to pivot the handle")
-
-
-def _between(a: Array, b: Array) -> Rotation:
-    """The shortest rotation from one unit vector to another."""
-    return Rotation.align_vectors(b[None], a[None])[0]
 
 
 def parts(setup: Setup) -> int:
@@ -173,7 +168,7 @@ def judge(setup: Setup, rows: list[list[Row]]) -> Answer:
     answer.numbers += _pivot_numbers(pivoted, seed, OWN)
     wrong = float(np.linalg.norm(pivot.tip - TIP_MM))
     number = Number(NAME, "tip from pivoting, error", "distance", wrong, "mm", len(pivoted), seed)
-    far = by_bootstrap(_stacked(pivoted), _tip_error)
+    far = by_bootstrap(np.array([T.as_matrix() for T in pivoted]), _tip_error)
     answer.numbers.append(number.within(far))
     answer.numbers += distribution(
         NAME,
@@ -219,10 +214,6 @@ def _pivot_numbers(poses: list[RigidTransform], seed: int | None, source: str) -
         seed,
         source,
     )
-
-
-def _stacked(poses: list[RigidTransform]) -> Array:
-    return np.array([T.as_matrix() for T in poses])
 
 
 def _tip_error(matrices: Array) -> float:

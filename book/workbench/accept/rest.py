@@ -171,12 +171,10 @@ def _jitter(
         source,
         note=f"of {len(each)} places",
     )
-    return [all_places.within(_over_places(each)), worst]
-
-
-def _over_places(each: Array) -> Interval:
     interval = by_bootstrap(each, rms)
-    return interval._replace(how=f"{interval.how} of the places") if interval.how else interval
+    if interval.how:
+        interval = interval._replace(how=f"{interval.how} of the places")
+    return [all_places.within(interval), worst]
 
 
 def _allan(

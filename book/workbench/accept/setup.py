@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform
 from scipy.stats import qmc
 
 from trinolab.bench.motion import orientation
-from trinolab.camera import Camera, Rig
+from trinolab.camera import Rig
 from trinolab.checks import Array, as_array, as_points
 from trinolab.following.parameters import FollowParameters
 from trinolab.handle import Handle
@@ -145,7 +145,8 @@ def field_of(rig: Rig, handle: Handle, seed: int = 0) -> Field:
     farthest = min(
         float(camera.focal.max()) * handle.marker_diameter_mm / least for camera in rig.cameras
     )
-    view = view_volume(Rig(tuple(_without_distortion(c) for c in rig.cameras)), farthest)
+    undistorted = Rig(tuple(replace(one, distortions=np.zeros(5)) for one in rig.cameras))
+    view = view_volume(undistorted, farthest)
     if view.status != "bounded":
         raise ValueError(f"rig: the cameras have no field of view in common (it is {view.status})")
     box = np.array([view.vertices.min(axis=0), view.vertices.max(axis=0)])
@@ -157,10 +158,6 @@ def field_of(rig: Rig, handle: Handle, seed: int = 0) -> Field:
             "rig: the field of view that the cameras have in common is too small for the handle"
         )
     return field._replace(points=inside)
-
-
-def _without_distortion(camera: Camera) -> Camera:
-    return replace(camera, distortions=np.zeros(5))
 
 
 def _spread(box: Array, unit: Array) -> Array:

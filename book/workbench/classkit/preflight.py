@@ -217,7 +217,7 @@ def rows_of(seen: Seen, clip: Clip, rig: Rig | None, handle: Handle | None) -> l
     rows = _of_images(seen) if handle is None else _of_markers(seen)
     rows += _of_time(seen, clip)
     if rig is not None and handle is not None:
-        rows += _of_motion(seen, rig, handle)
+        rows += [_smear(seen, handle), _apart(seen, rig)]
     if rig is not None:
         rows += of_rig(rig, place_of_handle(seen, rig))
     if rig is not None and handle is not None:
@@ -277,11 +277,6 @@ def _of_time(seen: Seen, clip: Clip) -> list[Row]:
     text = f"{missed:.1f} % missing" if clip.times_s is not None else "no times"
     rows.append(row(criteria.STEPS, worst, f"{text}; repeated: {repeated.max():.1f} %"))
     return rows
-
-
-def _of_motion(seen: Seen, rig: Rig, handle: Handle) -> list[Row]:
-    """Exposure and the cameras' clocks: both need a handle that moves."""
-    return [_smear(seen, handle), _apart(seen, rig)]
 
 
 def _smear(seen: Seen, handle: Handle) -> Row:

@@ -79,7 +79,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(format="%(message)s", level=logging.INFO, handlers=[Quiet(sys.stderr)])
     logging.getLogger("matplotlib").setLevel(logging.ERROR)  # where it keeps its fonts is no news
     try:
-        _check_method(arguments)
+        if hasattr(arguments, "method"):
+            check_option(arguments.check, estimator_of(arguments.method, "--method"), "--check")
         _find_shipped(arguments)
         if arguments.command in UNWATCHED:
             return _RUN[arguments.command](arguments)
@@ -147,12 +148,6 @@ def _loading() -> Iterator[None]:
         yield
     finally:
         gc.enable()
-
-
-def _check_method(a: argparse.Namespace) -> None:
-    """Refuse an estimator that is not there, and a check that it has not."""
-    if hasattr(a, "method"):
-        check_option(a.check, estimator_of(a.method, "--method"), "--check")
 
 
 @_loading()

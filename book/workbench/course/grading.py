@@ -142,7 +142,7 @@ def judge_outcomes(asked: FunctionExercise, outcomes: Sequence[Mapping[str, Any]
 def _right(asked: FunctionExercise, outcomes: Sequence[Mapping[str, Any]]) -> Verdict:
     changed = next((one["changed"] for one in outcomes if one["changed"]), None)
     if changed:
-        name = _argument(asked, changed[0])
+        name = asked.solution.__code__.co_varnames[changed[0]]
         says = f"the result is right, but {asked.name} changes its argument {name}: work on a copy."
         return _not_yet(asked, says)
     says = f"{asked.name} agrees with the solution in {len(outcomes)} of {len(outcomes)} cases."
@@ -249,11 +249,6 @@ def _largest_difference(one: Any, other: Any) -> float:
     if not is_array(one):
         return 0.0
     return float(np.nanmax(np.abs(np.subtract(one["numbers"], other["numbers"])), initial=0.0))
-
-
-def _argument(asked: FunctionExercise, place: int) -> str:
-    code = asked.solution.__code__
-    return code.co_varnames[place]
 
 
 def judge_values(

@@ -68,18 +68,14 @@ def file_of(chapter: str, folder: Path) -> Path:
     Raises ValueError if there is none or more than one.
     """
     of_chapter(chapter)  # there is one
-    files = _files(chapter, folder)
+    every = [*folder.glob(f"{chapter}*.ipynb"), *folder.glob(f"{chapter}*.py")]
+    files = sorted(path for path in every if path.is_file())
     if len(files) != 1:
         names = ", ".join(path.name for path in files) or "none"
         raise ValueError(
             f"{folder}: expected one file {chapter}*.ipynb or {chapter}*.py, found {names}"
         )
     return files[0]
-
-
-def _files(chapter: str, folder: Path) -> list[Path]:
-    files = [*folder.glob(f"{chapter}*.ipynb"), *folder.glob(f"{chapter}*.py")]
-    return sorted(path for path in files if path.is_file())
 
 
 def check_file(chapter: str, file: Path) -> list[Verdict]:

@@ -186,7 +186,8 @@ def card(
     about = nodes.field_list()
     about += _field("Notebook", [nodes.literal(text=chapter.path)])
     again = f"python book/build.py --chapter {chapter.path}"
-    about += _field("Made again by", [nodes.literal(text=again), _when_page(chapter)])
+    leaves = f", which leaves it in _build/executed/{Path(chapter.path).name}"
+    about += _field("Made again by", [nodes.literal(text=again), leaves])
     about += _field("Seed", [", ".join(chapter.seeds) or "none drawn"])
     about += _field("Commit", [said])
     hashes = [
@@ -252,10 +253,6 @@ def _reads(cell: Cell) -> list[nodes.Node | str]:
         parts += [nodes.literal(text=f"data/{table}")]
         parts += [", made again by ", nodes.literal(text=command)] if command else []
     return parts
-
-
-def _when_page(chapter: Chapter) -> str:
-    return f", which leaves it in _build/executed/{Path(chapter.path).name}"
 
 
 def _run(chapter: Chapter) -> str:

@@ -242,14 +242,8 @@ def seen_markers(camera: Camera, handle: Handle, T_world_handle: RigidTransform)
 
 def _seen(camera: Camera, handle: Handle, T: RigidTransform) -> np.ndarray:
     turned = slants(handle, T, camera.centre) <= np.deg2rad(_STEEPEST_DEG)
-    return turned & camera.sees(
-        T.apply(handle.marker_centres), _MARGIN_PX + _marker_px(camera, handle)
-    )
-
-
-def _marker_px(camera: Camera, handle: Handle) -> float:
-    """Radius of a marker's image at a near place."""
-    return float(camera.focal.max()) * handle.marker_diameter_mm / 2 / 500.0
+    radius_px = float(camera.focal.max()) * handle.marker_diameter_mm / 2 / 500.0  # 500 mm away
+    return turned & camera.sees(T.apply(handle.marker_centres), _MARGIN_PX + radius_px)
 
 
 def _random_pose(handle: Handle, rng: np.random.Generator) -> RigidTransform:

@@ -209,15 +209,12 @@ def chosen_pixels(
     labels = np.full(region.shape, EMPTY, np.int16)
     v, u = np.nonzero(region)
     labels[v, u] = cast(camera, handle, T, np.column_stack([u, v])).labels
+    parts = (labels >= 0, (labels == EMPTY) | (labels == CAP), labels != EMPTY)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * REACH_PX + 1, 2 * REACH_PX + 1))
     near, outline, handle_too = (
-        _grown(part) for part in (labels >= 0, (labels == EMPTY) | (labels == CAP), labels != EMPTY)
+        cv2.dilate(part.astype(np.uint8), disc).astype(bool) for part in parts
     )
     return near, {"markers": near & ~outline, "around": near, "handle": handle_too}[pixels]
-
-
-def _grown(mask: np.ndarray) -> np.ndarray:
-    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * REACH_PX + 1, 2 * REACH_PX + 1))
-    return cv2.dilate(mask.astype(np.uint8), disc).astype(bool)
 
 
 def small_steps(step_mm: float, lever_mm: float) -> Array:

@@ -176,7 +176,8 @@ def modelled(
     images: Sequence[np.ndarray], rig: Rig, handle: Handle, T: RigidTransform
 ) -> tuple[Sequence[Array], Array]:
     """Intensity centroids beside those of wrapped markers of even brightness."""
-    return detected(images, handle), _predicted(rig, handle, T, _every(rig, handle))
+    every = Views(*np.indices((len(rig.cameras), len(handle.marker_centres))).reshape(2, -1))
+    return detected(images, handle), _predicted(rig, handle, T, every)
 
 
 def registered(
@@ -302,10 +303,6 @@ def centroid_report(errors: pd.DataFrame) -> pd.DataFrame:
             row[f"noise_{axis}"] = np.sqrt(within[axis].mean())
         rows.append(row)
     return pd.DataFrame(rows)
-
-
-def _every(rig: Rig, handle: Handle) -> Views:
-    return Views(*np.indices((len(rig.cameras), len(handle.marker_centres))).reshape(2, -1))
 
 
 def _predicted(

@@ -75,7 +75,7 @@ def without_field(errors: ArrayLike, field: Array) -> Array:
     """
     e = np.asarray(errors, dtype=float)
     flat = e.reshape(*e.shape[:-2], -1)
-    basis = _basis(field)
+    basis, _ = np.linalg.qr(field.reshape(-1, field.shape[2]))
     return (flat - flat @ basis @ basis.T).reshape(e.shape)
 
 
@@ -267,9 +267,3 @@ def _rms_after(source: Source, field: Array) -> float:
 def _centred(positions: ArrayLike) -> Array:
     x = as_array(positions, "positions", (None, 3))
     return x - x.mean(axis=0)
-
-
-def _basis(field: Array) -> Array:
-    """Orthonormal columns that span those of a field, shape (3 n, q)."""
-    basis, _ = np.linalg.qr(field.reshape(-1, field.shape[2]))
-    return basis

@@ -25,7 +25,7 @@ from trinolab.calibration.target import Board, find_corners
 from trinolab.camera import Camera, Rig
 from trinolab.checks import Array, as_array, as_number, frozen
 from trinolab.datasets import load_real_sets, real_set
-from trinolab.files.inputs import get, read_toml
+from trinolab.files.rigs import read_rig
 from trinolab.markers import MarkerParameters, find_markers
 from trinolab.pose import rigid_fit
 from trinolab.triangulation import mean_point, points_of_pairs, triangulate
@@ -117,8 +117,7 @@ def load_caliscope(fetch: bool = False) -> Tracks | None:
     folder = real_set("caliscope", fetch)
     if folder is None:
         return None
-    tables = get(read_toml(folder / "camera_array.toml"), "cameras", "camera_array.toml")
-    rig = Rig(tuple(_caliscope_camera(name, table) for name, table in tables.items()))
+    rig = read_rig(folder / "camera_array.toml")
     frame = pd.read_csv(folder / "xy.csv")
     instants, instant = np.unique(frame["sync_index"], return_inverse=True)
     board = frame.groupby("keypoint_id")[["obj_loc_x", "obj_loc_y"]].first() * 1e3  # m
@@ -205,13 +204,6 @@ def decomposed(P: Array) -> tuple[Array, Rotation, Array]:
     K, R = K @ signs, signs @ R
     side = np.sign(np.linalg.det(R))
     return K / K[2, 2], Rotation.from_matrix(R * side), np.linalg.solve(K, P[:, 3]) * side
-
-
-def _caliscope_camera(name: str, table: dict) -> Camera:
-    T = RigidTransform.from_components(
-        np.array(table["translation"]) * 1e3, Rotation.from_matrix(table["rotation"])
-    )
-    return Camera(name, table["size"], table["matrix"], table["distortions"], T)
 
 
 def photographed_calibration(half_window_px: int = 7) -> Calibrated | None:

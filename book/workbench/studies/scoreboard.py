@@ -262,15 +262,11 @@ def _false_when_broken() -> float:
     return float(table[(table["estimator"] == BEST) & (table["fault"] != "none")]["wrong"].sum())
 
 
-def _on_table1(name: str) -> Callable[[], Result]:
-    return lambda: _mean_of_table1(name)
-
-
 CHECKS: dict[str, Callable[[], Result | float | None]] = {  # None: not run
-    "table1_position": _on_table1("E_t_mm"),
-    "table1_alpha": _on_table1("E_alpha_deg"),
-    "table1_beta": _on_table1("E_beta_deg"),
-    "table1_gamma": _on_table1("E_gamma_deg"),
+    "table1_position": partial(_mean_of_table1, "E_t_mm"),
+    "table1_alpha": partial(_mean_of_table1, "E_alpha_deg"),
+    "table1_beta": partial(_mean_of_table1, "E_beta_deg"),
+    "table1_gamma": partial(_mean_of_table1, "E_gamma_deg"),
     "printed_rotation": lambda: printed_rotation_error()[0],
     "printed_workspace": lambda: printed_workspace_volume(np.deg2rad(20.0)),
     "seconds_an_instant": seconds_an_instant,

@@ -98,7 +98,7 @@ def hand(seed: int = 0) -> tuple[Array, RigidTransform]:
     """Times, s, shape (n,), and the hand's n poses T_world_handle: the legs, and a seeded tremor."""
     times = np.arange(round(RATE_HZ * LEGS[-1].until_s)) / RATE_HZ
     robot = load_robot()
-    to_base = alignment(_surveillance())
+    to_base = alignment(read_camera(data_path("robots", "ur5_view.toml")))
     tool = forward(robot, robot.home).translation
     place = np.array(_START_MM)
     positions = np.empty((len(times), 3))
@@ -213,10 +213,6 @@ def performed(seed: int = 0) -> Path:
         partial.rename(folder)
 
     return cached_folder(f"session-{seed}", manifest, make)
-
-
-def _surveillance() -> Camera:
-    return read_camera(data_path("robots", "ur5_view.toml"))
 
 
 def _binned(camera: Camera) -> Camera:

@@ -150,7 +150,7 @@ def teleoperate(
         process writes into the folder.
     """
     root = _new_folder(out)
-    camera = _surveillance(view)
+    camera = read_camera(data_path("robots", "ur5_view.toml") if view is None else view)
     switch = _script(clutch, scale)
     parameters = FollowParameters(estimator=estimator_of(method))
     arm = load_robot(robot)
@@ -288,10 +288,6 @@ def _new_folder(out: str | Path) -> Path:
     if not root.parent.is_dir():
         raise ValueError(f"{out}: no such folder to write into")
     return root
-
-
-def _surveillance(view: str | Path | None) -> Camera:
-    return read_camera(data_path("robots", "ur5_view.toml") if view is None else view)
 
 
 def _script(path: str | Path | None, scale: float) -> Script | None:

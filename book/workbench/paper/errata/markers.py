@@ -29,7 +29,7 @@ def printed_bisection(image: Array, contours: float, most: int = 1000) -> tuple[
     n = 0
     for k in range(1, most + 1):
         threshold = (t_max + t_min) / 2
-        n = _contours(image, threshold)
+        n = cv2.connectedComponents((image > threshold).astype(np.uint8))[0] - 1
         if n == contours:
             return k, n
         t_min, t_max = (threshold, t_max) if n > contours else (t_min, threshold)
@@ -133,10 +133,6 @@ def window_that_starts_at_its_point() -> Effect:
         float(corrected),
         at_least=0.5,
     )
-
-
-def _contours(image: Array, threshold: float) -> int:
-    return cv2.connectedComponents((image > threshold).astype(np.uint8))[0] - 1
 
 
 def _discs(bridge: float) -> Array:
