@@ -1,7 +1,7 @@
 """A master handle watched by three cameras, from the frames to the slave arm.
 
-Read `measurement` first and then `tracker`: these two files are the paper. What follows has a name in
-`trinolab` itself, in the order of the data; behind each stands the paper's equation.
+Read `measurement` first and then `tracker`: these two files are the paper. The names below are in
+`trinolab` itself, in the order of the data; the second column has the paper's equations.
 
 ====================  ===========  =============================================================
 name                  equations    what it is
@@ -38,22 +38,22 @@ name                  equations    what it is
 `sweep`                            a notebook or a function at many settings
 ====================  ===========  =============================================================
 
-Where a rig or a handle is asked for, a value, its file or the name of a shipped one will do:
-``trinolab.measure(frames, "raised_40deg", "coded")``. `measure`, `track` and the commands take the
-estimator ``best`` unless another one is named, as by ``Parameters(estimator="paper")``; `tracker`
-is the paper's.
+A rig or a handle is given as a value, as its file, or by the name of a shipped one:
+``trinolab.measure(frames, "raised_40deg", "coded")``. `measure`, `track` and the commands use the
+estimator ``best`` unless another one is named, as in ``Parameters(estimator="paper")``; `tracker`
+uses the paper's.
 
-``trinolab eq 18`` says for an equation which function it is, in which file and line, which test holds
-it and which chapter derives it.
+``trinolab eq 18`` names the function that implements an equation, its file and line, the test that
+checks it and the chapter that derives it.
 
 Lengths are millimetres, times seconds, angles radians; names that end in ``_deg`` are degrees.
 Rigid motions are named ``T_target_source``, so that neighbours cancel: ``T_world_handle =
 T_world_cam * T_cam_handle``.
 
-A mistake of the caller's is a ``ValueError`` in one line that names the argument, what was expected
-and what came: a wrong shape or type, lengths that differ, NaN where nothing may be missing, a
-number out of the range that is documented or beyond any bench (`checks.LARGEST`). A docstring says
-what is raised beside that.
+A caller's mistake raises a ``ValueError`` whose one line names the argument, what was expected and
+what was given: a wrong shape or type, lengths that differ, NaN where nothing may be missing, a
+number outside the documented range or beyond any bench (`checks.LARGEST`). A docstring lists
+further errors.
 """
 
 from __future__ import annotations

@@ -37,23 +37,23 @@ class BackgroundParameters:
     Attributes
     ----------
     update_rate : float
-        alpha of Eq. 6, the weight of a new frame, 0 to 1 a frame. A change has gone into the
-        background by the share 1 - 1/e after about 1/alpha frames.
+        alpha of Eq. 6, the weight of a new frame, 0 to 1 per frame. After about 1/alpha frames the
+        background contains the share 1 - 1/e of a change.
     difference_threshold : float
         T of Eq. 5, grey levels.
     shadow_share : float
         The share of the light that a shadow may take, 0 to 1 (see `difference`); 0 is Eq. 5 as
-        printed. The default is for a bench under a lamp, whose shadows are no motion: with it 0.001
-        % of the bench is false after the standard recordings' step of light, without it 2.3 %, and
-        the hand, brighter than the bench, is seen as well. Where what moves is darker than the
-        background, it costs more than it gives: on a film of a road (CDnet's `highway`, frames 470
-        to 900) F1 is 0.77 with it and 0.91 with 0.
+        printed. The default suits a bench under a lamp, where shadows are not motion: after the
+        standard recordings' step of light, 0.001 % of the bench is false instead of 2.3 %, and the
+        hand, brighter than the bench, is detected as well. If the moving object is darker than the
+        background, the share does more harm than good: on a film of a road (CDnet's `highway`,
+        frames 470 to 900) F1 is 0.77 with it and 0.91 with 0.
     min_pixels : int
         The second threshold of Sect. 4.1, px: something moves if more pixels than these have
         changed. The default is for images of 1280 x 1024.
     masked_rate : float or None
         alpha where something moves (see `update`); 0 keeps the old background there. None is Eq. 6
-        as printed, which takes in a handle that rests.
+        as printed, which absorbs a handle at rest.
     compensate_light : bool
         Scale the background to the frame's light before it is compared (see
         `background.light_gain`).
@@ -92,7 +92,7 @@ class Difference(NamedTuple):
     image : ndarray, shape (height, width)
         D_k: the frame where it moved, elsewhere 0; of the frame's type.
     mask : ndarray of bool, shape (height, width)
-        Where it moved. A moving pixel of grey 0 is lost in D_k, here it is not.
+        Where it moved. Moving pixels of grey 0 are included, although D_k loses them.
     """
 
     image: np.ndarray
@@ -112,9 +112,9 @@ def difference(
 ) -> Difference:
     """Keep the pixels of a frame that differ from the background by more than a threshold (Eq. 5).
 
-    A shadow leaves of a background b something between (1 - shadow_share) b and b. With a share
-    above 0 a pixel has moved if it is farther than the threshold from all of that range; what is
-    darker than its background, but not by so much, is then missed.
+    A shadow darkens a background b to between (1 - shadow_share) b and b. With a share above 0, a
+    pixel has moved if its distance from that whole range exceeds the threshold; an object that is
+    only slightly darker than its background is then missed.
 
     Parameters
     ----------
@@ -154,10 +154,10 @@ def update(
 ) -> np.ndarray:
     """Take a share of a frame into the background (Eq. 6).
 
-    Without a mask this is the equation as printed: every pixel, always, also those of a handle that
-    rests, which has gone into the background after a few 1/alpha frames. With the mask of what
-    moves, that part of the background is kept. It then never heals where the background itself has
-    changed; a small `masked_rate` lets it.
+    Without a mask this is the equation as printed: every pixel is renewed, and a handle at rest is
+    absorbed after a few 1/alpha frames. With the mask of the moving pixels, the background stays as
+    it is there. It then never adapts where the background itself has changed, unless `masked_rate`
+    is above 0.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def moving_window(mask: ArrayLike, min_pixels: int = 0) -> Window | None:
     mask : array_like of bool, shape (height, width)
         From `difference`.
     min_pixels : int
-        If not more pixels than these have moved, all over the image, nothing moves.
+        Nothing moves unless more pixels than these have moved in the whole image.
 
     Returns
     -------
@@ -241,8 +241,8 @@ def step(
 ) -> tuple[np.ndarray, Detection]:
     """One instant: compare with the background, find the window, renew the background (Eq. 5, 6).
 
-    The background is what the light makes of the scene, also where that is brighter than a camera
-    can show: a saturated pixel is compared with 255, and does not renew it.
+    The background is the light of the scene, which may exceed what a camera can record: a saturated
+    pixel is compared with 255 and does not renew the background.
 
     Parameters
     ----------
@@ -330,23 +330,23 @@ def light_gain(frame: ArrayLike, background: ArrayLike, step: int = 8) -> float:
     """The factor by which the light has become brighter: the commonest ratio of frame to
     background.
 
-    One factor for all of the image. What has not moved agrees on it, even where it is less than
-    half of the image; the ratios of what has moved are spread.
+    The whole image has one factor. The pixels that have not moved agree on it, even if they are
+    fewer than half; the ratios of the others are scattered.
 
     Parameters
     ----------
     frame, background : array_like, shape (height, width)
         Saturated pixels of the frame are left out, and those that are dark in the background.
     step : int
-        Every `step`-th pixel of both directions is taken. On the recordings the eighth pixels give a
-        factor that is off from that of all pixels by 0.0003 (calm) and 0.0014 (hard), rms, and by
-        0.007 at most.
+        Every `step`-th pixel of both directions is taken. On the recordings, every eighth pixel
+        gives a factor that differs from that of all pixels by 0.0003 (calm) and 0.0014 (hard), rms,
+        and by 0.007 at most.
 
     Returns
     -------
     float
         1 if nothing in the background is brighter than 10 grey levels, or no factor within 1/4 and
-        4 is shared by a tenth of the pixels: that is no change of light but a covered lens.
+        4 is shared by a tenth of the pixels, which means a covered lens and not a change of light.
     """
     grey, old = _frame_and_background(frame, background)
     return commonest_ratio(grey, old, as_whole(step, "step", 1, 2**31))

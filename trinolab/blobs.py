@@ -1,9 +1,9 @@
 """Candidates for bright markers in an image: contours, spots that stand out, one blob (Sect. 5.1).
 
-Contours show every marker that is brighter than all noise, at little cost; where there is noise
-they cost most and show least. So a large image is searched at half its size, thresholds that show
-noise are left out, and what stands out from its own surroundings is looked at as well. All that is
-a search; what is found is cut out of the image itself.
+Contours are cheap and show every marker that is brighter than all noise, but in noise they are
+expensive and show little. A large image is therefore searched at half its size, thresholds that
+show noise are skipped, and spots that stand out from their surroundings are examined as well. This
+yields candidates only, whose pixels are cut out of the full image.
 """
 
 from __future__ import annotations
@@ -74,8 +74,8 @@ def searchable(image: np.ndarray) -> np.ndarray:
 
 
 def reduced(image: np.ndarray) -> tuple[np.ndarray, int]:
-    """The image, halved until it is small enough to be searched, and how many of its pixels a side
-    make one then.
+    """The image, halved until it is small enough to be searched, and the side of one of its pixels
+    in original pixels.
     """
     scale = 1
     while image.size > _LARGE:
@@ -134,7 +134,8 @@ def places(
     """Candidate places of markers: the contours `found` at each threshold, and spots that stand
     out; each place once.
 
-    A pixel of `image` is `scale` pixels of the whole one a side, for which the diameters are given.
+    A pixel of `image` covers `scale` x `scale` pixels of the whole image, to which the diameters
+    refer.
     """
     lines = {
         t: outlines
@@ -155,9 +156,9 @@ def candidates(image: np.ndarray, where: Places, min_contrast: float) -> list[Ca
     """The places with some contrast, by falling contrast, as sixteen rays from each to its reach
     show it.
 
-    What is darkest on a ray is level with the surroundings, or the saddle between the blob and its
-    neighbour. The threshold is halfway up from the level, but above the saddle, or else the one
-    that showed the place.
+    The darkest pixel on a ray has the level of the surroundings, or is the saddle between the blob
+    and its neighbour. The threshold is halfway up from that level, but above the saddle, or else
+    the one that showed the place.
     """
     inside, valley = _along_rays(image, where)
     top = inside.mean(axis=1)

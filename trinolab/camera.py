@@ -106,7 +106,7 @@ class Camera:
             Focal length, px: the width in pixels times the lens's focal length over the width of
             the sensor.
         centre, target : array_like, shape (3,)
-            Where it stands, and what lies on its optical axis; world frame, mm.
+            The camera's position, and a point on its optical axis; world frame, mm.
         up : array_like, shape (3,)
             The direction of the world that points upwards in the image. The default is that of a
             world whose y axis points down, as in the shipped rigs; with z upwards it is (0, 0, 1).
@@ -336,13 +336,13 @@ class RigCovariance:
         Of the cameras, in the order of the rig.
     matrix : ndarray, shape (15 c, 15 c)
         For each camera fx, fy, cx, cy (px), k1, k2, p1, p2, k3, a small rotation d (3, rad; the
-        camera's R_cam_world becomes exp(d) R_cam_world) and the translation of T_cam_world (3,
-        mm), see `displaced`. What is known exactly, as the first camera's place where that is the
-        world frame, has zeros.
+        camera's R_cam_world becomes exp(d) R_cam_world) and the translation of T_cam_world (3, mm),
+        see `displaced`. Rows of exactly known parameters are zero, such as those of the first
+        camera's pose where it defines the world frame.
     freedom : float
-        How well the size of the matrix itself is known: the degrees of freedom of the variances
-        (GUM, annex G.3), infinity where they are certain. A factor common to all of them then has
-        a scaled inverse chi-square distribution.
+        Uncertainty of the matrix's own size: the degrees of freedom of the variances (GUM, annex
+        G.3), infinity where they are certain. A factor common to all of them then has a scaled
+        inverse chi-square distribution.
 
     Raises
     ------
@@ -405,11 +405,11 @@ class Rig:
     ----------
     cameras : tuple of Camera
     covariance : RigCovariance or None
-        How well they are known; None where nobody has said it, which stands for a calibration of
-        usual quality (`default_covariance`). `RigCovariance.exact` says that they are known exactly.
+        Uncertainty of the cameras. None, where it is unknown, stands for a calibration of usual
+        quality (`default_covariance`), and `RigCovariance.exact` for exactly known cameras.
     reprojection_px : float or None
-        What the calibration left between its own points and their images, where the rig's file
-        says it: how good it was, if there is no covariance.
+        Reprojection error of the calibration's own points, if the rig's file states it: a measure
+        of its quality where there is no covariance.
 
     Raises
     ------
@@ -468,7 +468,7 @@ class Rig:
 
 
 def as_rig(value: object, name: str = "rig") -> Rig:
-    """Check that something is a rig; ValueError says how one is had by its name."""
+    """Check that something is a rig; ValueError explains how to load one by its name."""
     if not isinstance(value, Rig):
         raise ValueError(f"{name}: expected a Rig, as trinolab.load_rig gives, got {value!r:.60}")
     return value

@@ -2,9 +2,8 @@
 everywhere.
 
 Each function returns a read-only array (or the value) and raises ``ValueError`` with the argument's
-name, what was expected and what came. No number beyond `LARGEST` comes in, whatever its unit, and a
-computed point beyond it is a missing one (`whole_rows`): the algebra behind need not ask whether a
-product overflows.
+name, what was expected and what was given. Numbers beyond `LARGEST`, in whatever unit, are refused,
+and a computed point beyond it counts as missing (`whole_rows`), so that no later product overflows.
 """
 
 from __future__ import annotations
@@ -85,7 +84,7 @@ def as_image(
 ) -> np.ndarray:
     """Check a grey image, shape (height, width), of a number type; `size` is (width, height).
 
-    With `highest` the grey levels lie from 0 to that, whatever the type could hold.
+    With `highest`, grey levels must lie between 0 and that value, whatever the type's range.
     """
     try:
         image = np.asarray(value)

@@ -142,9 +142,9 @@ def paper_rig(elevation_deg: float | None = None) -> Rig:
     Parameters
     ----------
     elevation_deg : float, optional
-        Of CCD3, up from CCD1 on the circle of radius 549 mm about (0, 0, 549) in the plane x = 0,
-        looking at the circle's centre; 90 is `paper_trinocular`, 40 `raised_40deg`. None gives CCD1
-        and CCD2 alone: `paper_pair`.
+        Elevation of CCD3 above CCD1 on the circle of radius 549 mm about (0, 0, 549) in the plane x
+        = 0, looking at the circle's centre; 90 is `paper_trinocular`, 40 `raised_40deg`. None gives
+        CCD1 and CCD2 alone: `paper_pair`.
 
     Raises
     ------
@@ -176,8 +176,8 @@ def _camera(name: str, matrix: Array, T_world_cam: RigidTransform) -> Camera:
 def rig_file(what: str | Path) -> Path:
     """The rig file that a word of a command line means: a path, or the name of a shipped one.
 
-    A file or folder of that name goes first. Raises ValueError for a name, a word without a suffix
-    or a folder, that is neither.
+    A file or folder of that name takes precedence. Raises ValueError for a name, a word without a
+    suffix or a folder, that is neither.
     """
     return _file_meant("rigs", "rig", what)
 

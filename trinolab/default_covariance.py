@@ -1,28 +1,28 @@
 """The covariance of a rig, and the tolerances of a handle, whose files do not say how well they are known.
 
-Other programs write rig files without a word on it, and no calibration is exact. A rig that states
-nothing stands for a calibration of usual quality. Its parameters by themselves may be far off: a
-principal point by a pixel, if the direction makes up for it. What a calibration gets right is the
-images of the place where it was made. So parameters with wide standard deviations are conditioned
-on the images of four points there: each camera's image of them is shifted as a whole by
-`IMAGE_PX`, and beyond that off by `CORNER_SHARE` of it at each point.
+Other programs write rig files without uncertainties, and no calibration is exact. A rig that states
+nothing is taken for a calibration of usual quality. Single parameters may be far off, a principal
+point by a pixel, if the direction compensates for it. A calibration is accurate in the images of
+the place where it was made. Parameters with wide standard deviations are therefore conditioned on
+the images of four points there: each camera's image of them may be shifted as a whole by
+`IMAGE_PX`, and each point by a further `CORNER_SHARE` of that.
 
-How large these errors are is itself hardly known. The covariance says so by its degrees of freedom
-(`camera.RigCovariance.freedom`), and what is seen decides. With half a degree of freedom three in four
-calibrations are worse than `IMAGE_PX`, one in two is worse than 2.4 times that, 0.6 px, and one in
-four than 2.4 px.
+The size of these errors is itself hardly known, which the covariance expresses by its degrees of
+freedom (`camera.RigCovariance.freedom`); the residuals decide. With half a degree of freedom, three
+in four calibrations are worse than `IMAGE_PX`, one in two is worse than 2.4 times that, 0.6 px, and
+one in four is worse than 2.4 px.
 
-**Where the numbers are from.** Simulated calibrations with 14 views of a board, corners found to
-0.05 px, have the images of the work volume off by 0.3 to 0.5 px, nearly all of it a motion of the
-first camera's frame; with corners to 0.3 px by 2 to 3 px. OpenCV's stereo photographs,
-calibrated from halves of them, give 2 px an image, of which 0.06 px is no motion of that frame. Rigs
-that others calibrated fit their own points to 0.3 to 0.5 px. So good ones are off by a quarter of a
-pixel, the middle one by half a pixel or a whole one, and bad ones by 2 px and more.
-What is no motion of that frame is a twentieth of it or less there. A quarter at each point, which lets
-a camera roll by as much as it tilts, is on the safe side. The cameras' places are off by 0.02 mm across
-the line of sight in the good ones, and along it, where it hardly matters, by 0.1 mm.
-`tests/workbench/studies/test_usual_evidence.py` computes these again. Of a printed handle: PLA
-shrinks by 0.1 to 0.3 % (toolsfast.app/3d-printing/fdm-tolerance-guide).
+**Where the numbers are from.** Simulated calibrations with 14 views of a board and corners accurate
+to 0.05 px err by 0.3 to 0.5 px in the images of the work volume, nearly all of it a motion of the
+first camera's frame; with corners accurate to 0.3 px they err by 2 to 3 px. OpenCV's stereo
+photographs, calibrated from halves of them, give 2 px per image, of which 0.06 px is not a motion
+of that frame. Rigs that others calibrated fit their own points to 0.3 to 0.5 px. Good calibrations
+therefore err by a quarter of a pixel, average ones by half a pixel to one pixel, and bad ones by 2
+px and more. The part that is not a motion of that frame is a twentieth of it or less. A quarter per
+point, which lets a camera roll by as much as it tilts, is on the safe side. In good calibrations
+the cameras' places err by 0.02 mm across the line of sight and, where it hardly matters, by 0.1 mm
+along it. `tests/workbench/studies/test_usual_evidence.py` computes these numbers again. For a
+printed handle: PLA shrinks by 0.1 to 0.3 % (toolsfast.app/3d-printing/fdm-tolerance-guide).
 """
 
 from __future__ import annotations
@@ -109,7 +109,8 @@ def usual_covariance(rig: Rig, image_px: float = IMAGE_PX) -> RigCovariance:
     ----------
     rig : Rig
     image_px : float
-        By which each camera's image of the work volume may be shifted, each way.
+        Standard deviation of the shift of each camera's image of the work volume, in each
+        direction.
     """
     middle = _middle(rig)
     blocks = [_of_camera(camera, middle, image_px) for camera in rig.cameras]

@@ -1,7 +1,6 @@
 """The command ``trinolab evaluate``: poses compared with their truth, from files or tables.
 
-Beside the mean errors stands what they do not show: flips between equivalent poses, poses far off,
-and time lost.
+Besides the mean errors it reports flips between equivalent poses, poses far off, and time lost.
 """
 
 from __future__ import annotations
@@ -86,8 +85,9 @@ class Evaluation:
         Over the rows that hold a pose, `predicted` ones left out; None if there is none.
     visible, visible_measured : int
         Instants at which one camera truly sees four markers, or two see three each, and how many of
-        them are measured; 0 if the truth does not say how many markers are seen. What two cameras
-        see stands in a file beside it, ``truth_markers.csv``, as `bench.rendering` writes it.
+        them are measured; 0 if the truth does not say how many markers are seen. The markers that
+        two cameras share are in a file beside it, ``truth_markers.csv``, which `bench.rendering`
+        writes.
     track : TrackQuality
         Of the `measured` rows: flips, poses far off, losses. A loss counts the visible instants, if
         they are known.
@@ -118,9 +118,9 @@ def evaluate(
 ) -> Evaluation:
     """Compare poses with their truth, up to the handle's symmetry (Eq. 26-27).
 
-    The `measured` rows are compared as one track, by one equivalent for all; an `ambiguous` row
-    says of itself that it is one of several, so each is compared by its nearest equivalent. The log
-    says where another handle's symmetry is likely the right one.
+    The `measured` rows are compared as one track, with one equivalent for all; each `ambiguous` row
+    is compared with its own nearest equivalent. The log reports where another handle's symmetry is
+    likely the right one.
 
     Parameters
     ----------

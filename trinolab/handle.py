@@ -3,8 +3,8 @@ file (Sect. 6.3).
 
 The handle's frame: y along the axis towards the free end. A column at angle theta has the outward
 normal (sin theta, 0, cos theta); a marker at axial coordinate s has its centre at (r sin theta, s,
-r cos theta). Markers are numbered column by column, in the order of the rows. A real marker lies
-beside the place that columns and rows state, by its own offset.
+r cos theta). Markers are numbered column by column, in the order of the rows. A real marker may be
+offset from the place that its column and row state.
 """
 
 from __future__ import annotations
@@ -40,17 +40,16 @@ class Handle:
     columns_deg : tuple of float
         Angle of each column of markers about the axis.
     rows_mm : tuple of tuple of float
-        Axial coordinates of the markers, one tuple a column.
+        Axial coordinates of the markers, one tuple per column.
     markers : {"bright", "dark"}
         Against the body.
     placement_sigma_mm : float or None
-        How well the markers are placed: standard deviation of each coordinate of each centre, mm;
-        0 where they lie exactly where the layout says, None where nobody has said it, which stands
-        for a handle of usual quality (`default_covariance`).
+        Standard deviation of each coordinate of each marker's centre, mm; 0 for an exact layout.
+        None, where it is unknown, stands for a handle of usual quality (`default_covariance`).
     offsets_mm : tuple of (float, float, float)
-        From the place that column and row state to each marker's own centre, handle frame, one a
-        marker; empty where all lie where they should. A marker is wrapped on a cylinder about the
-        axis, of the radius at which its centre lies.
+        Offset of each marker's centre from the place that its column and row state, handle frame,
+        one per marker; empty if there is none. A marker is wrapped on a coaxial cylinder through
+        its centre.
 
     Raises
     ------
@@ -180,8 +179,8 @@ def facing_pixels(
     """Images of the markers' centres that are turned from a camera by at most `max_slant_deg`,
     shape (n, 2), px.
 
-    NaN for the others, and where `Camera.project` gives no pixel; whether the body hides a marker
-    is not asked.
+    NaN for the others, and where `Camera.project` gives no pixel; markers that the body hides are
+    included.
     """
     uv = camera.project(T_world_handle.apply(handle.marker_centres))
     uv[slants(handle, T_world_handle, camera.centre) > np.deg2rad(max_slant_deg)] = np.nan

@@ -94,7 +94,7 @@ def track(
     """Follow a point of an image by the paper's model, at even or uneven times (Eq. 7-15).
 
     The first point seen starts the filter: there the prediction is the start itself, with a NIS of
-    NaN, and before it all is NaN.
+    NaN. All values before it are NaN.
 
     Parameters
     ----------

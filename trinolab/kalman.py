@@ -1,10 +1,11 @@
 """The linear Kalman filter over any F, H, Q, R, and the paper's model of a point that moves in an
 image (Sect. 4.2).
 
-Eq. 9-15 stand in three functions, `propagate`, `compare` and `correct`, that check nothing: plain
-arrays in and out, in the paper's letters. `predict`, `innovation` and `update` check what they are
-given, call them, and return the next state as a value. `image_track` takes them along a sequence,
-and `following.posefilter` runs them over 18 numbers of a pose in place of the six of an image point.
+Eq. 9-15 are three functions, `propagate`, `compare` and `correct`, that take and return plain
+arrays in the paper's letters and check nothing. `predict`, `innovation` and `update` check what
+they are given, call them, and return the next state as a value. `image_track` runs them over a
+sequence, and `following.posefilter` over the 18 numbers of a pose instead of the six of an image
+point.
 """
 
 from __future__ import annotations
@@ -80,8 +81,8 @@ def covariance_root(value: ArrayLike, name: str, n: int) -> Array:
     `as_covariance`.
 
     A is the standard deviations times the symmetric root of the correlations, which is unique. The
-    eigenvectors alone would give a root, too. But their signs hang on how a processor rounds, and
-    so would every draw.
+    eigenvectors alone would give a root as well, but their signs, and so every draw, would depend
+    on how a processor rounds.
     """
     scale, correlation = _correlations(as_covariance(value, name, n))
     values, vectors = np.linalg.eigh(correlation)
@@ -164,7 +165,7 @@ def predict(state: State, F: ArrayLike, Q: ArrayLike) -> State:
     F : array_like, shape (n, n)
         Phi, the transition.
     Q : array_like, shape (n, n)
-        Covariance of what disturbs the motion in between.
+        Covariance of the process noise.
 
     Raises
     ------
@@ -196,7 +197,7 @@ def update(state: State, z: ArrayLike | None, H: ArrayLike, R: ArrayLike) -> Sta
     z : array_like, shape (m,), or None
         None, or a NaN in it: nothing was observed, and the prediction stands.
     H : array_like, shape (m, n)
-        What of the state is observed.
+        The observation matrix.
     R : array_like, shape (m, m)
         Covariance of the observation's noise.
 

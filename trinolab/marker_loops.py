@@ -1,7 +1,7 @@
 """`markers.markers_at` as a compiled loop over the places: what `blobs` and `markers.blob_at` do with
 OpenCV, for one blob of a few hundred pixels at a time.
 
-An index out of bounds is not seen in compiled code: the tests run the loop with bounds checked.
+Compiled code does not detect an index out of bounds: the tests run the loop with bounds checked.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def measure(image, uv, reach, limits, table):
     limits : ndarray, shape (5,)
         Of `MarkerParameters`: the diameters, and the least axis ratio, fill and contrast.
     table : ndarray, shape (n, 6)
-        Is filled with the first six numbers of each blob; NaN where there is none.
+        Filled with the first six numbers of each blob; NaN where there is none.
     """
     height, width = image.shape
     found = np.empty(7)
@@ -149,9 +149,9 @@ def blob(image, u, v, reach, threshold, limits, found):
 
 @_compiled
 def surroundings(grey, threshold, away, first_u, last_u, first_v, last_v):
-    """The median grey of the ring around a blob, infinity where there is none, and the sums of light
-    above it up to the ring: of the light, of light times u and of light times v. Others' light counts
-    nowhere.
+    """The median grey of the ring around a blob, infinity where there is none, and the sums of
+    light above it up to the ring: of the light, of light times u and of light times v. The light of
+    other blobs is ignored.
     """
     height, width = grey.shape
     rows = range(max(first_v - RING_PX, 0), min(last_v + RING_PX + 1, height))

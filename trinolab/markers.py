@@ -33,9 +33,9 @@ class MarkerParameters:
     diameter_px : (float, float)
         Smallest and largest major axis of a marker's image.
     min_axis_ratio : float
-        Minor by major axis; 0.17 is a disc turned by 80 deg.
+        Minor axis divided by the major one; 0.17 is a disc turned by 80 deg.
     min_fill : float
-        Area of the contour by that of the ellipse of the same moments.
+        Area of the contour divided by that of the ellipse of the same moments.
     min_contrast : float
         Grey levels between a marker and the ring around it.
     """
@@ -141,11 +141,11 @@ def find_markers(
 ) -> Markers:
     """Find the markers of one image and their sub-pixel centroids (Eq. 16).
 
-    The bisection's last threshold need not show any marker, and it leaves out whole ranges. So
-    contours are taken from all thresholds that it visits and from a ladder of even ones; where
-    these show but noise, spots that stand out from their surroundings are looked at. What is there
-    is measured at the threshold halfway up its flank. Kept are those like a marker, each once, and
-    of these the ``surplus * expected`` with the highest contrast.
+    The bisection's last threshold need not show any marker, and it leaves out whole ranges.
+    Contours are therefore taken from all thresholds that it visits and from evenly spaced ones;
+    where these show only noise, spots that stand out from their surroundings are examined. Each
+    candidate is measured at the threshold halfway up its flank. The result contains those that
+    resemble a marker, each once, up to ``surplus * expected`` of the highest contrast.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def markers_at(
     image : array_like, shape (height, width)
         May be a part of an image.
     uv : array_like, shape (n, 2)
-        px; half a marker off at most. A row with a NaN, or outside the image: not looked for.
+        px, off by at most half a marker. Rows with a NaN, or outside the image, are skipped.
     reach_px : float
         How far a marker may reach from there.
     markers : {"bright", "dark"}

@@ -123,8 +123,8 @@ def correlations(left: Array, right: Array) -> Array:
     """Normalised cross-correlation of each left window (n, k) with each right one (m, k), shape
     (n, m) (Eq. 18).
 
-    The windows are `standardised`: what Eq. 18 subtracts and divides by is done once a window, and
-    the sum over the pixels that is left is a product of matrices.
+    The windows are `standardised`: the subtraction and the division of Eq. 18 are done once per
+    window, and the remaining sum over the pixels is a product of matrices.
     """
     return left @ right.T
 
@@ -198,7 +198,7 @@ def rig_candidates(
 ) -> list[Matches]:
     """`candidates` for each pair of a rig's cameras, in the order of `Rig.pairs` (Eq. 17-18).
 
-    Where the rig may be off, the epipolar gate is as much wider.
+    The rig's uncertainty widens the epipolar gate.
     """
     p = parameters or MatchParameters()
     points = [as_points(pixels, "uv", 2) for pixels in uv]

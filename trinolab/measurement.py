@@ -73,8 +73,8 @@ def measure(
         T_world_handle expected at this instant, mm; chooses among poses that look alike.
     parameters : Parameters, optional
     windows : sequence of Window or None, optional
-        W_ROI of each camera, inside its image: markers are looked for there alone, and nowhere
-        where it is None. Without `windows` in whole images.
+        W_ROI of each camera, inside its image, to which the search for markers is limited; None
+        skips a camera. Without `windows` the whole images are searched.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 """Memory that is used again.
 
-The system hands out the memory of a large array page by page, and takes it back when the array is let
-go: that takes longer than a loop over what lies there.
+The system allocates a large array page by page and frees it with the array, which takes longer than
+a loop over its elements.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 symmetry.
 
 Poses are a batched ``RigidTransform`` of length n, each ``T_world_handle`` (a single one counts as
-n = 1). Only valid poses come in: who has NaN rows drops them, and reports the share that is left.
+n = 1). Only valid poses are accepted: drop rows with NaN first, and report the share that remains.
 Names that end in ``_deg`` are degrees.
 """
 
@@ -56,7 +56,7 @@ def pose_errors(estimates: RigidTransform, truths: RigidTransform) -> PoseErrors
     Parameters
     ----------
     estimates, truths : RigidTransform of length n
-        ``T_world_handle``, mm. A handle's symmetry is the caller's matter, see
+        ``T_world_handle``, mm. The caller accounts for a handle's symmetry, see
         `nearest_equivalent`.
     """
     position = position_errors(estimates, truths)
@@ -120,8 +120,8 @@ def nees(estimate: RigidTransform, covariance: ArrayLike, truth: RigidTransform)
     Returns
     -------
     ndarray, shape (3,)
-        Of an honest covariance they are chi-square with 6, 3 and 3 degrees of freedom (Bar-Shalom,
-        Li and Kirubarajan 2001, sect. 5.4.2, DOI 10.1002/0471221279).
+        If the covariance is consistent they are chi-square with 6, 3 and 3 degrees of freedom
+        (Bar-Shalom, Li and Kirubarajan 2001, sect. 5.4.2, DOI 10.1002/0471221279).
     """
     T = as_transform(estimate, "estimate")
     true = as_transform(truth, "truth")
@@ -172,8 +172,8 @@ def nearest_equivalent(
     """Replace each pose by the one of its equivalents ``T_world_handle * S`` that is closest to its
     truth.
 
-    For instants that have nothing to do with one another; for a track see `track_equivalent`.
-    Closest is the smallest geodesic angle; among equals (to 1e-9 deg) the smallest distance.
+    The instants count as independent; for a track see `track_equivalent`. The closest one has the
+    smallest geodesic angle and, among equals (to 1e-9 deg), the smallest distance.
 
     Parameters
     ----------
@@ -208,8 +208,8 @@ def track_equivalent(
     """Replace the poses of one track by ``T_world_handle * S`` with one S for all: a flip inside
     stays an error.
 
-    S is the symmetry with the least mean geodesic angle; among equals (to 1e-9 deg) the least mean
-    distance. Parameters and errors as for `nearest_equivalent`.
+    S is the symmetry with the least mean geodesic angle and, among equals (to 1e-9 deg), the least
+    mean distance. Parameters and errors as for `nearest_equivalent`.
     """
     angle, distance = (
         value.mean(axis=1) for value in _against_equivalents(estimates, truths, symmetries)
@@ -267,8 +267,8 @@ def waits(
     Parameters
     ----------
     measured : array_like of bool, shape (n,)
-        Whether an instant has a measured pose, in the order of time. What comes before the first is
-        no loss.
+        Whether an instant has a measured pose, in the order of time. Instants before the first
+        measured one are not a loss.
     counted : array_like of bool, shape (n,), optional
         The instants that count, such as those at which the handle can be seen; all by default.
 

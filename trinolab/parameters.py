@@ -27,20 +27,20 @@ class Parameters:
     matching : MatchParameters
     identity : IdentityParameters
     estimator : {"paper", "reprojection", "patches", "best"}
-        How the pose follows from the markers, see `estimators.estimate`; ``best`` is stored as
-        ``patches``. None leaves it to the function that is given the parameters: `tracker.step` and
-        `estimators.estimate` take the paper's, `measurement.measure` and the commands
-        `methods.DEFAULT`.
+        Method that estimates the pose from the markers, see `estimators.estimate`; ``best`` is
+        stored as ``patches``. None leaves it to the function that is given the parameters:
+        `tracker.step` and `estimators.estimate` take the paper's, `measurement.measure` and the
+        commands `methods.DEFAULT`.
     max_slant_deg : float
         Markers turned further away are identified but not measured, as long as four are left:
-        beyond 70 deg the centroid of a wrapped marker lies more than 1 px beside the image of its
+        beyond 70 deg the centroid of a wrapped marker lies more than 1 px from the image of its
         centre.
     sigma_px : float
-        How far a centroid may be off, its bias included, where a rig is held against it
-        (`identity.reconcile`). What the pose owes to it is in `uncertainty.centroids`.
+        Standard uncertainty of a centroid, its bias included, where a rig is compared with it
+        (`identity.reconcile`). Its contribution to the pose is in `uncertainty.centroids`.
     memory_s : float
-        For how long the last measured pose chooses among poses that look alike, and is predicted
-        from, s.
+        Time for which the last measured pose serves for prediction and for the choice among
+        equivalent poses, s.
     check : bool
         Whether the paper's pose is checked against the pixels, see `estimators.checked`; no other
         estimator has this.

@@ -1,7 +1,8 @@
 """Loops over the pixels of an image, compiled by Numba.
 
-NumPy goes over an image once for each operation; a compiled loop goes over it once. What is compiled
-is kept beside the package, or in the user's folder of caches, so that a machine compiles it once.
+NumPy goes over an image once for each operation; a compiled loop goes over it once. The compiled
+code is stored beside the package, or in the user's cache folder, so that a machine compiles it
+once.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def compare_and_renew(
     background : ndarray of float32, shape (height, width)
         B_(k-1).
     gain : float
-        By which the light has become brighter.
+        Factor by which the light has become brighter.
     difference_threshold, shadow_share : float
         Of Eq. 5, see `background.has_moved`.
     update_rate, masked_rate : float

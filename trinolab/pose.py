@@ -61,24 +61,22 @@ class Pose:
         pose).
     T_world_handle : RigidTransform or None
     covariance_random : ndarray, shape (6, 6), or callable
-        Of position (mm) and rotation vector (rad), both in the world frame, by what is new in each
-        instant; NaN without a pose. A function is called when it is first asked for.
+        Of position (mm) and rotation vector (rad), both in the world frame, from the errors that
+        are new in each instant; NaN without a pose. A function is called at the first access.
     residual_px : float
         Rms reprojection error of the markers used.
     markers, cameras : int
         How many were used.
     systematic : ndarray, shape (6, 6), or callable
-        The same by what all instants have in common, the errors of rig and marker layout; zeros
+        The same from the errors that all instants share, those of rig and marker layout; zeros
         where both are exact.
 
-    Notes
-    -----
-    `covariance` is the whole, for a pose by itself: how far it may be from the truth. Two poses
-    that are near to each other share the systematic part. Of their difference it is no error, and a
-    filter over instants that took it for noise would average away what never averages out: both
-    want `covariance_random`. Say x is known to 0.01 mm anew in each instant and to 0.10 mm by the
-    rig. One position is known to 0.1005 mm; the mean of a hundred instants of a handle at rest to
-    0.1000 mm, and not to 0.0101 mm; a step between two instants to 0.0141 mm, and not to 0.142 mm.
+    Notes ----- `covariance` is the total uncertainty of a single pose. Poses near each other share
+    the systematic part, which cancels in their difference and does not average out over instants:
+    differences and filters need `covariance_random`. For example, let x have a random standard
+    uncertainty of 0.01 mm and a systematic one of 0.10 mm. That of one position is 0.1005 mm; that
+    of the mean of a hundred instants of a handle at rest is 0.1000 mm, not 0.0101 mm; that of a
+    step between two instants is 0.0141 mm, not 0.142 mm.
     """
 
     status: str
@@ -341,10 +339,10 @@ def fit_pose(
     max_slant_deg : float
         Markers turned further away are left out if four others remain.
     sigma_px : float
-        Standard deviation of a pixel coordinate, for the covariance: of pixels that have noise and no
-        bias. What centroids have is counted by `estimators.paper`.
+        Standard deviation of a pixel coordinate's noise, for the covariance. The bias of centroids
+        is accounted for by `estimators.paper`.
     known : RigidTransform, optional
-        T_world_handle that says how far they are turned; by default a fit to all of them.
+        T_world_handle from which their slant is computed; by default a fit to all of them.
 
     Returns
     -------

@@ -1,8 +1,8 @@
 """Rigid motions: put together and taken apart, how far two are apart, and the rotation nearest to a
 matrix.
 
-SciPy checks and mends every matrix that it is given, which takes ten times as long as what is
-computed with it. Loops of many ticks a second use these functions instead.
+SciPy checks and orthonormalises every matrix, which takes ten times as long as the computation
+itself. Loops with many ticks per second use these functions instead.
 """
 
 from __future__ import annotations
@@ -19,8 +19,7 @@ from .checks import Array, as_array
 def placed(position: Array, rotation: Array) -> RigidTransform:
     """The motion with a position (3,) and a rotation matrix (3, 3).
 
-    The matrix is drawn nearer to a rotation, to the second order, so that rounding does not add up
-    over many ticks.
+    The matrix is orthonormalised to second order, so that rounding does not add up over many ticks.
     """
     matrix = np.eye(4)
     matrix[:3, :3] = 1.5 * rotation - 0.5 * rotation @ rotation.T @ rotation

@@ -1,10 +1,10 @@
 """The sensitivity of pixels, and so of a pose, to errors of the calibration and of the marker layout.
 
 An error d of the rig's parameters, or of the markers' places, moves the image of a marker from
-where the rig says that it is. To whoever measures with that rig it is an error of the pixel, which
-is the same in every instant. So one way leads from it to the pose for all estimators: the
-derivative of the pose by the pixels, times the derivative of the pixels by d (error propagation to
-first order; Hartley and Zisserman 2004, ch. 5).
+where the rig says that it is. In a measurement with that rig it is an error of the pixel, the same
+in every instant. For every estimator its effect on the pose is therefore the derivative of the pose
+by the pixels, times the derivative of the pixels by d (error propagation to first order; Hartley
+and Zisserman 2004, ch. 5).
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ class Response(NamedTuple):
     Attributes
     ----------
     gain : ndarray, shape (6, k, 2)
-        By how much position (mm) and rotation vector (rad; both in the world frame) change if what
-        was seen in one place moves by a pixel.
+        Change of position (mm) and rotation vector (rad; both in the world frame) per pixel by
+        which the image of one place moves.
     camera : ndarray of int, shape (k,)
-        Which image it was seen in.
+        The image in which each place was seen.
     points : ndarray, shape (k, 3)
-        Where it is, world frame, mm.
+        The places, world frame, mm.
     marker : ndarray of int, shape (k,)
-        Which marker it is; -1 for what is no marker and moves with none.
+        The marker at each place; -1 where there is none.
     """
 
     gain: Array
@@ -95,7 +95,7 @@ def systematic_covariance(response: Response, rig: Rig, handle: Handle) -> Array
     ----------
     response : Response
     rig, handle
-        With what they state of their errors, else the defaults of `default_covariance`.
+        Their stated uncertainties count, else the defaults of `default_covariance`.
 
     Returns
     -------
@@ -169,7 +169,8 @@ def motion_slopes(rig: Rig, camera: np.ndarray, points: Array, origin: Array) ->
 class ImageOffsets(NamedTuple):
     """Possible shifts of the cameras' images against each other where a handle is.
 
-    A handle is small against its distance: an error of the rig shifts each image of it as a whole.
+    A handle is small compared with its distance: an error of the rig shifts each image of it as a
+    whole.
 
     Attributes
     ----------

@@ -74,7 +74,7 @@ def start(
     Parameters
     ----------
     backgrounds : sequence of array_like, shape (height, width)
-        A grey image of the empty scene a camera, in the rig's order.
+        One grey image of the empty scene per camera, in the rig's order.
     rig : Rig
     t_s : float
         Time of the backgrounds, s; the first instant comes later.

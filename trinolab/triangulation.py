@@ -1,7 +1,7 @@
 """Points from matched pixels: Eq. 20 for each pair of cameras, the change of frame, and the mean
 (Sect. 5.3).
 
-Eq. 20 as printed needs X_r = R X_l + T, left to right, and one focal length a camera. Here R, T
+Eq. 20 as printed needs X_r = R X_l + T, left to right, and one focal length per camera. Here R, T
 come from the cameras (`camera.T_between`), each image axis is divided by its own focal length, and
 lens distortion is removed first.
 """
@@ -140,10 +140,10 @@ def by_pairs(rig: Rig, uv: Array) -> Array:
 def mean_point(points: ArrayLike) -> Array:
     """Mean over the binocular systems, ignoring those that have no point (Eq. 22).
 
-    Noise it averages; the bias of the centroids of wrapped markers it does not. A pair of cameras
-    far apart sees its common markers near the limb, and their points are shifted by 0.1 mm, others'
-    are not: with CCD3 the mean turns the handle by more than the pair alone (chapter 10).
-    `triangulate_weighted` on centroids without bias has not this fault.
+    The mean averages noise, but not the bias of the centroids of wrapped markers. A pair of cameras
+    far apart sees its common markers near the limb, which shifts their points by 0.1 mm; those of
+    other pairs are not shifted. With CCD3 the mean therefore rotates the handle by more than the
+    pair alone (chapter 10). `triangulate_weighted` on centroids without bias avoids this.
 
     Parameters
     ----------
@@ -234,7 +234,8 @@ def triangulate_weighted(rig: Rig, uv: ArrayLike, sigma_px: ArrayLike) -> tuple[
     points : ndarray, shape (n, 3)
         World frame, mm; NaN where no pair has a point.
     covariances : ndarray, shape (n, 3, 3)
-        mm^2. The pairs share pixels: that is counted here, though not in the weights.
+        mm^2. The correlation of pairs that share pixels is included here, though not in the
+        weights.
     """
     points, slopes = pairs_with_slopes(rig, uv, sigma_px)
     valid = np.asarray(np.isfinite(points).all(axis=2) & np.isfinite(slopes).all(axis=(2, 3)))
@@ -263,7 +264,7 @@ def pairs_with_slopes(
     points : ndarray, shape (pairs, n, 3)
         World frame, mm; NaN where a pair has none.
     slopes : ndarray, shape (pairs, n, 3, 2 cameras)
-        How far they move for a standard deviation of each coordinate, mm.
+        Their displacement per standard deviation of each coordinate, mm.
     """
     uv = as_array(uv, "uv", (len(rig.cameras), None, 2), finite=False)
     C, n = uv.shape[:2]

@@ -10,10 +10,10 @@ import numpy as np
 class Work:
     """The work that may still be done.
 
-    A unit is a thousand cells in a Gauss-Newton step of the image model with motion blur; other work
-    is stated in such units. They were measured on the films `fast` and `hard` of
-    `studies.instant_times` with 10 ms of exposure and seed 0: there an instant takes 0.43 ms for a
-    unit, and 7 ms. Other films have judged them.
+    A unit is a thousand cells in a Gauss-Newton step of the image model with motion blur; other
+    work is stated in such units. The units were measured on the films `fast` and `hard` of
+    `studies.instant_times` with 10 ms of exposure and seed 0, where an instant takes 7 ms and a
+    further 0.43 ms per unit; they were validated on other films.
 
     Attributes
     ----------
@@ -22,7 +22,7 @@ class Work:
     cursor : int
         Where a search that was cut short goes on, see `identity.search.search`; 0 is its beginning.
     was_cut : bool
-        Whether a search ended because too little was left.
+        Whether a search ended because too little remained.
     """
 
     def __init__(self, units: float = np.inf, cursor: int = 0) -> None:
@@ -31,7 +31,7 @@ class Work:
         self.was_cut = False
 
     def takes(self, units: float) -> bool:
-        """Whether so many units are left; if so, they are taken."""
+        """Spend so many units if they remain, and return whether they did."""
         if units > self.remaining:
             return False
         self.remaining -= units

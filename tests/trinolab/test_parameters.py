@@ -51,7 +51,7 @@ IDENTITY = {
     "depth_range": (0.0, "face to face", {}),
     "depth_step": (0.02, "face to face", {}),
     "fit_gates": ((0.2,), "three", {}),
-    "settled_evidence": (-1e6, "outliers", {}),
+    "enough_evidence": (-1e6, "outliers", {}),
     "steep_deg": (60.0, "three", {}),
     "certain_deg": (5.0, "four markers", {}),
     "edge_px": (400.0, "four markers", {}),
@@ -231,7 +231,7 @@ def test_each_number_of_the_follower_decides_something(name, images):
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -1e9, "1", None])
 def test_what_is_no_number_in_range_is_refused_by_name(kind, bad):
     for name in IDENTITY if kind is IdentityParameters else FOLLOW:
-        if (name, bad) != ("settled_evidence", -1e9):
+        if (name, bad) != ("enough_evidence", -1e9):
             with pytest.raises(ValueError, match=name):
                 kind(**{name: bad})
 

@@ -145,12 +145,12 @@ def human_motion(rng: np.random.Generator, times_s: ArrayLike) -> RigidTransform
     """Draw a motion of the standard scene at a person's pace: poses T_world_handle at times from 0
     on.
 
-    The path is `motion_at`'s. Its places are passed at a more even speed (the root of the path's
-    own), its orientations by a clock that now stands nearly still and now runs double. A handheld
-    recording, freiburg1_xyz of the TUM RGB-D benchmark at 30 instants a second, has a speed of 329
-    mm/s in the median and 496 mm/s at 95 %, and a turn rate of 15.3 and 36.1 deg/s; over 12 seeds
-    of a minute this one has 328 and 484 mm/s, 15.5 and 37.6 deg/s. Accelerations are twice as
-    large, because the bench is smaller.
+    The path is `motion_at`'s. Positions follow it at a more even speed (the root of the path's
+    own), orientations by a clock that nearly stops at times and runs at double speed at others. In
+    a handheld recording, freiburg1_xyz of the TUM RGB-D benchmark at 30 instants per second, the
+    median of the speed is 329 mm/s and its 95 % quantile 496 mm/s; those of the turn rate are 15.3
+    and 36.1 deg/s. Over 12 seeds of a minute this motion has 328 and 484 mm/s, 15.5 and 37.6 deg/s.
+    Accelerations are twice as large, because the bench is smaller.
     """
     times = as_array(times_s, "times_s", (None,))
     as_number(times.min(initial=0.0), "times_s: the first", 0.0)

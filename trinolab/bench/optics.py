@@ -37,13 +37,13 @@ class Bench:
         everywhere. Grey = nominal grey x (1 - shading + shading x max(0, cosine)).
     supersampling, marker_supersampling : int
         A pixel at an edge of the body, or of a marker, is the mean of that many by that many
-        samples. A disc seen at 70 deg has its centroid off by up to 0.016 px at 8 x 8 and 0.008 px
-        at 16 x 16. More do not help: the rest is what whole pixels do to a disc five of them
-        across.
+        samples. The centroid of a disc seen at 70 deg errs by up to 0.016 px at 8 x 8 and 0.008 px
+        at 16 x 16. More samples do not help: the rest is the effect of whole pixels on a disc that
+        is five pixels across.
     blur_px : float
         Standard deviation of the lens's Gaussian blur, px.
     shot_variance : float
-        Noise variance a grey level, grey levels.
+        Noise variance per grey level, grey levels.
     read_noise : float
         Standard deviation of the noise in the dark, grey levels.
     """

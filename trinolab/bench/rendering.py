@@ -1,9 +1,9 @@
 """Recordings rendered by the simulated bench: every frame of a scenario, with the truth, in a
 recording folder.
 
-The noise of a frame follows from the seed, the frame and the camera: an interrupted rendering goes
-on where it stopped. The two standard recordings are rendered when they are asked for, and kept in
-the user's cache.
+The noise of a frame follows from the seed, the frame and the camera, so that an interrupted
+rendering can be resumed. The two standard recordings are rendered at first use, and stored in the
+user's cache.
 """
 
 from __future__ import annotations
@@ -90,7 +90,7 @@ def render(
     seconds : float, optional
         Length; 10 for a script, and all poses of a file.
     fps : float
-        Frames a second; a file's own times go before it.
+        Frames per second; a file's own times take precedence.
     progress : bool
         Show a progress bar on standard error, if that is a terminal.
 
@@ -319,11 +319,12 @@ def standard_recording(
     handle_name: str = "coded",
     progress: bool = True,
 ) -> Path:
-    """The folder of a standard recording, 30 frames a second; rendered, in a minute or two, if it
+    """The folder of a standard recording, 30 frames per second; rendered, in a minute or two, if it
     is not there yet.
 
-    A recording belongs to its name, seed, length, rig and handle, and to the code that renders it:
-    whatever of these changes, it is rendered anew. The first seconds of a longer one are the same.
+    A recording is identified by its name, seed, length, rig and handle, and by the code that
+    renders it; if one of these changes, it is rendered anew. The first seconds of a longer one are
+    the same.
 
     Parameters
     ----------
@@ -367,7 +368,7 @@ def cached_folder(name: str, manifest: dict[str, Any], make: Callable[[Path], ob
     name : str
         It begins with this.
     manifest : dict
-        All that decides what is in it; with another one it is another folder.
+        Everything that determines its content; another manifest means another folder.
     make : callable
         Makes the folder it is given, whole or not at all. One process at a time does.
 

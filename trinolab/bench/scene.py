@@ -123,7 +123,7 @@ def render_clip(
 
 
 def scaled(camera: Camera, factor: float) -> Camera:
-    """The same camera with `factor` times as many pixels a side: 0.5 makes four pixels one.
+    """The same camera with `factor` times as many pixels per side: 0.5 makes four pixels one.
 
     The corner of the image stays where it is, half a pixel outside the first centre: cx + 1/2
     scales, not cx. Raises ValueError if the size does not come out in whole pixels.
@@ -218,9 +218,8 @@ def smeared(
     time.
 
     The layer at mid-exposure is drawn once, and moved by the affine motion of the image that fits
-    the handle's. What that leaves out is below a tenth of a pixel: the handle's turn about its own
-    axis, and what perspective adds. The arguments are those of `exposed`, and the arm, which moves
-    with the handle.
+    the handle's. This neglects less than a tenth of a pixel: the handle's turn about its own axis,
+    and perspective. The arguments are those of `exposed`, and the arm, which moves with the handle.
     """
     half = as_number(exposure_s, "exposure_s", low=0.0) / 2
     v = as_array(velocity, "velocity", (3,))

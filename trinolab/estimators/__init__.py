@@ -1,7 +1,7 @@
 """Better poses from the same images (beyond the paper): the estimators by name.
 
-``paper`` is the paper's own (Eq. 20-24, `estimators.paper`); its check and each other one stand in a
-module of this folder, which is loaded when it is asked for.
+``paper`` is the paper's own (Eq. 20-24, `estimators.paper`). Its check and the other estimators are
+modules of this folder that are loaded at first use.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ def estimate(instant: Identified, rig: Rig, handle: Handle, parameters: Paramete
     Returns
     -------
     Pose
-        With status ``measured``; `pose.LOST` if too little is seen, or what is seen is not what the
-        pose predicts.
+        With status ``measured``; `pose.LOST` if too little is visible, or the images contradict the
+        pose.
     """
     p = parameters
     name = p.estimator or PAPER

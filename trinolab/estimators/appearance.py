@@ -2,8 +2,8 @@
 before the blur.
 
 A pixel's ray meets the cylinder in closed form; distances from the marker's edge and from the
-body's outline give the share of the pixel's area that each covers (`loops.draw`). A view is a marker
-in a camera's image; arrays have one row a view.
+body's outline give the share of the pixel's area that each covers (`loops.draw`). A view is a
+marker in a camera's image; arrays have one row per view.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ class Views(NamedTuple):
 
 
 class Windows(NamedTuple):
-    """Windows of cells, one a view, all of one shape. A cell is a pixel, or a block of pixels whose
-    mean is looked at.
+    """Windows of cells, one per view, all of one shape. A cell is a pixel, or a block of pixels
+    that its mean represents.
 
     Attributes
     ----------
@@ -128,8 +128,8 @@ def shading_basis(turn: Array) -> Array:
     """Functions of the angle from a marker's middle that make up the brightness around the body,
     (4, ``*turn.shape``).
 
-    The first is 1, the others vanish in the middle. With the next two any distant light is met,
-    with the last nearly so where that light ends within the window.
+    The first is 1, the others vanish in the middle. The next two represent any distant light; the
+    last one approximates light that ends within the window.
     """
     s = np.sin(turn)
     c = 1 - np.cos(turn)

@@ -5,9 +5,9 @@ by the area of its image, which falls with the cosine between normal and line of
 square of the distance, and by its brightness. The integral is a sum over points of the disc, taken
 on the unrolled surface.
 
-The intensity centroid of Sect. 5.1 is pulled by the body's shading, by what lies beyond the body's
-outline, by neighbours and by saturation. `register` shifts what an image model predicts until it
-lies on the pixels: there these are in the model, or their pixels have no weight.
+The intensity centroid of Sect. 5.1 is biased by the body's shading, by the background beyond the
+body's outline, by neighbours and by saturation. `register` shifts the image that a model predicts
+until it lies on the pixels: these effects are in the model, or their pixels have no weight.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def predict_centroids(
     views : Views
         k markers in cameras' images.
     shading : ndarray, shape (k, 3), optional
-        Brightness is 1 and these shares of `appearance.shading_basis`; without it even.
+        Brightness is 1 plus these multiples of `appearance.shading_basis`; uniform without it.
 
     Returns
     -------
@@ -169,7 +169,7 @@ class Registered(NamedTuple):
     covariance : ndarray, shape (k, 2, 2)
         px^2.
     at : Linear
-        What they were measured with.
+        The model that they were measured with.
     """
 
     uv: Array
@@ -203,13 +203,13 @@ def register(state: State, here: Patches, rig: Rig, handle: Handle) -> tuple[Sta
     greys each.
 
     The background beside the body, the body's shading, saturated pixels and neighbours are in the
-    model or without weight, so that they do not pull at the centroid as they do at a plain one.
+    model or have no weight, so that they do not bias the centroid as they bias a plain one.
 
     Returns
     -------
     state : State
-        With greys, blur and noise renewed, and gloss among the greys once the windows show some; the
-        pose stays.
+        With updated greys, blur and noise, and with gloss once the windows show some; the pose is
+        unchanged.
     registered : Registered
     """
     at = linearise(state, here, rig, handle)
@@ -250,8 +250,8 @@ def centre_pixels(
 ) -> CentrePixels | None:
     """Images of the markers' centres: predicted by a pose, and shifted as the centroids are.
 
-    Parameters as for `reprojection.fit_centroids`; windows that show no marker are left out. None
-    if all do not.
+    Parameters as for `reprojection.fit_centroids`; windows that show no marker are omitted. None if
+    no window shows one.
     """
     windows = patches(images, rig, handle, T_world_handle, max_slant_deg)
     state = first_state(T_world_handle, rig)

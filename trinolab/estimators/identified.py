@@ -24,8 +24,8 @@ class Identified(NamedTuple):
     T_world_handle : RigidTransform
         The pose that identified them.
     near : Rig
-        The rig as the markers of this instant leave it, see `identity.reconcile`: with which a fit
-        begins. The rig that is given where that is exact.
+        The rig corrected by the markers of this instant, see `identity.reconcile`, with which a fit
+        begins; the given rig where that is exact.
     motion_blur : (ndarray, ndarray) or None
         The motion expected while the shutter is open, for the estimators that fit pixels, see
         `pixels.fit_patches`.

@@ -5,13 +5,13 @@ In each window the grey is
     marker * shading * m  +  (body * shading + gloss) * b  +  background * (1 - b),
 
 m and b being the shares that `loops.draw` gives after a Gaussian blur, and the shading a sum of
-`shading_basis`. The gloss is what varnish sends back of marker and body alike, whatever their paint,
-a sum of the same functions; it is in the model where the windows show it. These greys of a window are
-eliminated (Schur complement; Triggs et al. 2000, DOI 10.1007/3-540-44480-7_21), so that none has to
-be known. The noise of the pixels is estimated from what a fit leaves.
+`shading_basis`. The gloss is light that varnish reflects from marker and body alike, whatever their
+paint; it is a sum of the same functions, and is in the model where the windows show it. The greys
+of a window are eliminated (Schur complement; Triggs et al. 2000, DOI 10.1007/3-540-44480-7_21), so
+that none has to be known. The noise of the pixels is estimated from the residuals of a fit.
 
-The model is computed by `loops`, in double precision: in single precision a fit would end a thousandth of its error
-elsewhere on another processor, which rounds in another order.
+`loops` computes the model in double precision: in single precision the results of a fit would
+differ between processors, which round in different orders, by a thousandth of its error.
 """
 
 from __future__ import annotations
@@ -164,7 +164,7 @@ class Reduced(NamedTuple):
     greys : ndarray, shape (k, 6 or 9)
         Step of the greys if the other unknowns stay.
     greys_by_other : ndarray, shape (k, 6 or 9, m)
-        What a step of the others takes from it.
+        Reduction of that step per unit step of the other unknowns.
     """
 
     information: Array
@@ -267,10 +267,10 @@ def with_gloss(state: State) -> State:
 def shows_gloss(at: Linear, handle: Handle, least_gain: float = LEAST_GAIN) -> bool:
     """Whether the windows show gloss, of which the greys have none as yet.
 
-    What a window's chi-square gains by gloss (score test, Rao 1948, DOI
-    10.1017/S0305004100023987) is 1 an unknown by noise alone, where the median misfit is the noise.
-    They have to gain `least_gain` times as much, those that show a marker: three unknowns more a window
-    make a pose worse by a tenth, so that a little gloss is left out.
+    By noise alone, gloss improves a window's chi-square by 1 per unknown (score test, Rao 1948, DOI
+    10.1017/S0305004100023987), where the median misfit is the noise. The windows that show a marker
+    must improve by `least_gain` times as much: three more unknowns per window make a pose worse by
+    a tenth, so that a little gloss is not modelled.
     """
     counts = marker_is_shown(at, handle)
     if _gloss(at.greys).size or not counts.any():
@@ -303,7 +303,7 @@ def reduce(at: Linear, unknowns: np.ndarray) -> Reduced:
 def advanced(at: Linear, normal: Reduced, step: Array) -> Linear:
     """The model after a step (k, m) of the other unknowns, to first order; the greys follow.
 
-    The rows of the model before become those of the model after.
+    The rows of the given model are changed in place.
     """
     from . import loops
 
@@ -317,8 +317,8 @@ def noise_of(at: Linear, pixels: int, used: np.ndarray | None = None) -> Noise:
     """Estimate the noise of a pixel from what a fit leaves in windows whose cells are means of so many
     pixels; in those that are `used`, bool (k,), or in all.
 
-    Residuals count on the body, on markers and beyond the body, away from all edges, by their
-    medians, so that wrong pixels do not count. What too few pixels show is left at a usual value.
+    Residuals on the body, on markers and beyond the body, away from all edges, count by their
+    medians, so that outliers do not. A variance that too few pixels determine keeps its default.
     """
     from . import loops
 
@@ -366,8 +366,8 @@ def marker_is_shown(
 ) -> np.ndarray:
     """Whether each window shows a marker where it is predicted, bool (k,).
 
-    A window fits if its misfit is small against the noise, or what is left against the marker's
-    contrast: a real marker is never quite what the model says.
+    A window fits if its misfit is small compared with the noise, or its residuals compared with the
+    marker's contrast, because a real marker never matches the model exactly.
     """
     _, count, squares, _ = at.sums.T
     rms = np.sqrt(squares / np.maximum(count, 1))

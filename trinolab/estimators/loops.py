@@ -1,14 +1,14 @@
 """The image model of `imagemodel` as compiled loops over the cells of each window.
 
-A loop draws a window's layers, blurs them, and makes what the normal equations need, while all of it
-is in the processor's cache. Arrays have one row per quantity and one column per cell; the names of
-the rows stand below. A cell is a pixel, or a block of pixels whose mean is looked at.
+A loop draws a window's layers, blurs them, and computes the terms of the normal equations, while
+all of it is in the processor's cache. Arrays have one row per quantity and one column per cell;
+`rows` names the rows. A cell is a pixel, or a block of pixels that its mean represents.
 
 After a small motion of the handle (nu mm, omega rad, handle frame) the point X of a ray lies, seen
 from the handle, at X - nu - omega x X. With the gradient g of a distance there, that distance
 changes by -g.nu - (X x g).omega.
 
-An index out of bounds is not seen in compiled code: the tests run each loop with bounds checked.
+Compiled code does not detect an index out of bounds: the tests run each loop with bounds checked.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def draw(x, y, R, start, by_u, by_v, marker, others, body, any_marker, layers):
     any_marker : bool
         Whether the neighbours count as the marker does, and are nothing else that is in the way.
     layers : ndarray, shape (LAYERS, p)
-        Is filled.
+        Filled.
     """
     radius, top, bottom, rim = body
     cos_0, sin_0, axial_0, r = marker
@@ -223,9 +223,9 @@ def draw(x, y, R, start, by_u, by_v, marker, others, body, any_marker, layers):
 
 @_reordered
 def add_pairs(of, taps, start, apart, total):
-    """Add to `total` (m,) what symmetric taps (2 r + 1,) beside the middle one make of a flat array,
-    in which the middle one begins at `start` and each next one `apart` further. Two taps at a time:
-    what takes the time is to read and write `total`.
+    """Add to `total` (m,) what symmetric taps (2 r + 1,) beside the middle one make of a flat
+    array, in which the middle one begins at `start` and each next one `apart` further. It takes two
+    taps at a time, because reading and writing `total` dominates the time.
     """
     m = total.size
     reach = taps.size // 2
@@ -249,10 +249,10 @@ def add_pairs(of, taps, start, apart, total):
 def blur(stack, taps, norm, line, between, total, blurred):
     """Blur square windows (n, side, side) along both directions by symmetric taps (2 r + 1,).
 
-    What taps lack at a border is made up for by the factors `norm` (side,). The windows lie side by
-    side with zeros between them, so that one loop goes over a row of all. `line` (n * width + 2 r,)
-    and `between` (side + 2 r, n * width), zero at first, and `total` (n * width,) are room, width
-    being side + 2 r; all may be larger.
+    The factors `norm` (side,) make up for the taps that are missing at a border. The windows lie
+    side by side with zeros between them, so that one loop goes over a row of all. `line` (n * width
+    + 2 r,) and `between` (side + 2 r, n * width), zero at first, and `total` (n * width,) are room,
+    width being side + 2 r; all may be larger.
     """
     n, side, _ = stack.shape
     reach = taps.size // 2
@@ -437,13 +437,13 @@ def linearise(xy, R, start, by_u, by_v, marker, others, body, side, taps, reache
     clear_px : float
         Pixels nearer than this to another marker or to the body's end do not count.
     greys : ndarray, shape (k, 6 or 9)
-        Is filled where they are not `known`.
+        Filled where they are not `known`.
     noise : ndarray, shape (3,)
         Base, slope and texture, see `imagemodel.Noise`.
     pixels : float
         How many pixels a cell has.
     model : ndarray, shape (k, MODEL, p)
-        Is filled, but for the rows EXPOSURE.
+        Filled, except for the rows EXPOSURE.
     """
     count, p = grey.shape
     layers = np.empty((LAYERS, p))
@@ -559,9 +559,9 @@ def smear_kernels(f_u, f_v, ways, lens_u, lens_v, mean, by_u, by_v):
     """Fill the spectra (k, rows, columns // 2 + 1) of the kernels of a smear and a lens's blur, and
     their derivatives by the way along u and along v.
 
-    Of a frequency f a way d leaves sinc(f . d). `f_u` (columns // 2 + 1,) and `f_v` (rows,) are those
-    of `scipy.fft.rfft2`, `lens_u` and `lens_v` (k, ...) what the blur leaves of them. The highest
-    frequency of an even number of rows is its own opposite: it gets the mean of both.
+    A way d attenuates a frequency f by sinc(f . d). `f_u` (columns // 2 + 1,) and `f_v` (rows,) are
+    those of `scipy.fft.rfft2`, `lens_u` and `lens_v` (k, ...) their attenuation by the blur. The
+    highest frequency of an even number of rows is its own opposite: it gets the mean of both.
     """
     rows = f_v.size
     for k in range(ways.shape[0]):

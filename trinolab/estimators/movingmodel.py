@@ -1,9 +1,9 @@
 """The image of a handle that moves while the shutter is open: the image at mid-exposure, smeared.
 
-While the shutter is open a marker's image goes straight on by a way d. What a pixel then shows is
-the mean over that way. A mean over shifted copies is a product of spectra: of a frequency f is left
-``sinc(f . d)``, as of a lens's Gaussian blur with the variance s is left ``exp(-2 pi^2 s |f|^2)``.
-So the handle is drawn once, however long the way is.
+While the shutter is open a marker's image goes straight on by a way d. A pixel then shows the mean
+over that way. A mean over shifted copies is a product of spectra: the way attenuates a frequency f
+by ``sinc(f . d)``, as a lens's Gaussian blur of variance s attenuates it by ``exp(-2 pi^2 s
+|f|^2)``. The handle is therefore drawn once, however long the way is.
 """
 
 from __future__ import annotations
@@ -85,8 +85,8 @@ def smeared(stack: Array, kernel: Array, here: Patches) -> Array:
 def windows_of(spectra: np.ndarray, here: Patches) -> Array:
     """The windows' own part (k, m, p) of what has these spectra (k, m, rows, columns // 2 + 1).
 
-    What leaves a drawn window on one side comes in on the other, and gets no further than the
-    border that is left out.
+    Light that leaves a drawn window on one side enters it on the other, but only the border, which
+    is cut off.
     """
     return middle(scipy.fft.irfft2(spectra, here.drawn.shape, overwrite_x=True), here)
 

@@ -1,8 +1,8 @@
 """The paper's estimate (Eq. 20-24) and its covariance.
 
-The chain of the paper ends with the pose. The covariance is computed when somebody asks for it. It has
-the noise of the centroids, their bias, which the paper's method leaves in, and all that `uncertainty`
-assesses.
+The paper's chain ends with the pose. The covariance is computed at the first access. It contains
+the noise of the centroids, their bias, which the paper's method does not remove, and all that
+`uncertainty` assesses.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def pose_of_centroids(
     Returns
     -------
     Pose
-        That of `pose.fit_pose`. Its covariances are computed when they are first asked for.
+        That of `pose.fit_pose`. Its covariances are computed at the first access.
     """
     near = near or rig
     pose = fit_pose(uv, near, handle, max_slant_deg)

@@ -51,21 +51,20 @@ class Patches(NamedTuple):
     views : Views
     at : Windows
     px_per_mm : ndarray, shape (k,)
-        Pixels to a millimetre across the line of sight.
+        Pixels per millimetre across the line of sight.
     grey : ndarray, shape (k, p)
     valid : ndarray of bool, shape (k, p)
         Not saturated.
     points : ndarray, shape (k, 3)
-        What lies in the middle, handle frame, mm.
+        The point in the middle of each window, handle frame, mm.
     alone : ndarray, shape (k,)
-        What share of it a window counts: less where it has its pixels in common with others that
-        show the same.
+        Weight of each window, below 1 where it shares its pixels with others that show the same.
     drawn : Windows
-        Where the handle is drawn to say what the windows show: the same windows, or larger ones with
-        the same middle, from which something is smeared into them.
+        The windows in which the handle is drawn: the same ones, or larger ones with the same
+        middle, from which motion smears light into them.
     by_motion : ndarray, shape (k, 2, 6)
-        Derivative of the pixel of what lies in the middle by a motion of the handle, mm and rad,
-        world frame; zero where the handle is still.
+        Derivative of the middle point's pixel by a motion of the handle, mm and rad, world frame;
+        zero where the handle is still.
     """
 
     views: Views

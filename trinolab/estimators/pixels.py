@@ -1,8 +1,8 @@
 """The pose that fits the markers' pixels in all views at once, with its covariance: beyond the
 paper (Sect. 5.3).
 
-No centroid, no pair of cameras, no triangulated point: greys, the cameras' blurs and the pose are
-found together by Gauss-Newton steps from a pose that is right to about a pixel. A marker that a
+Without centroids, pairs of cameras or triangulated points, Gauss-Newton steps estimate greys, the
+cameras' blurs and the pose together, from a pose that is right to about a pixel. A marker that a
 single camera sees counts as well.
 """
 
@@ -106,8 +106,8 @@ class Fit(NamedTuple):
     linear : LinearFit
         To first order, for `uncertainty.assess`.
     smear_px : float
-        How long the markers are smeared in the camera where that is most: of a handle that moves by
-        its motion, of one that is still where motion blur was looked for; else NaN.
+        Length of the markers' smear in the camera in which it is longest: from the motion of a
+        moving handle, and for one at rest where motion blur was measured; else NaN.
     """
 
     T_world_handle: RigidTransform
@@ -177,15 +177,14 @@ def fit_patches(
     max_slant_deg : float
         Markers turned further away are left out.
     motion_blur : (ndarray, ndarray), shapes (6,) and (6, 6), optional
-        What is expected of the handle's motion while the shutter is open (mm, rad; world frame),
-        and its covariance; without it the handle is still.
+        The motion expected while the shutter is open (mm, rad; world frame), and its covariance;
+        without it the handle is at rest.
     smear_above : float
-        Median misfit from which on `Fit.smear_px` is measured where the handle is still: noise has
-        none.
+        Median misfit above which `Fit.smear_px` is measured for a handle at rest.
     is_far : bool
         Whether the start of a handle that moves may be several pixels off: coarse cells come first.
     work : Work, optional
-        Steps are taken as long as it is left; without it there is no limit.
+        The work that the steps may take; unlimited without it.
 
     Returns
     -------

@@ -48,9 +48,9 @@ def fit_centroids(
     """The pose with the least reprojection error of the predicted centroids, over all views at
     once.
 
-    Parameters and result as for `pixels.fit_patches`; `steps` is how often the centroids are measured
-    at least, each time by what the pose found before predicts, and more often as long as they still
-    move: a sharp image begins far from its blur.
+    Parameters and result as for `pixels.fit_patches`; `steps` is the least number of times that the
+    centroids are measured, each time from the prediction of the previous pose. They are measured
+    again as long as they move, because the fit begins far from the blur of a sharp image.
     """
     windows = patches(images, rig, handle, start, max_slant_deg)
     if len(np.unique(windows.views.marker)) < 3:

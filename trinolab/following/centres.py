@@ -1,7 +1,7 @@
 """Instants of a recording that say most of rig and handle, and the pixels of their markers' centres.
 
-A bundle adjustment wants instants at which the handle is still, since a moving marker's centre is
-measured less well, and which spread over its motion, since alike ones say the same again.
+A bundle adjustment needs instants at which the handle is still, because a moving marker's centre is
+measured less well, and which are spread over its motion, because similar ones add no information.
 """
 
 from __future__ import annotations
@@ -54,9 +54,7 @@ class Motion(NamedTuple):
 
 
 def motion(shown: pd.DataFrame, rig: Rig, exposure_s: float) -> Motion:
-    """The handle's motion at the rows of a table of poses; of a single one nothing is known, and it
-    counts as still.
-    """
+    """The handle's motion at the rows of a table of poses; a single one counts as still."""
     if len(shown) < 2:
         return Motion(np.zeros(len(shown)), np.zeros(len(shown)))
     places = shown[["x_mm", "y_mm", "z_mm"]].to_numpy(float)
@@ -117,9 +115,9 @@ def measured_centres(
     poses : RigidTransform
         T_world_handle at these frames, a batch, right to a pixel or two.
     kept_in : path
-        A file that grows by each instant, and from which an interrupted measurement goes on.
+        A file that grows with each instant, and from which an interrupted measurement resumes.
     made_from : str
-        What tells this measurement from another one.
+        An identifier of this measurement.
     progress : bool
 
     Returns

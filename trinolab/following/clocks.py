@@ -1,13 +1,14 @@
 """The effect of unsynchronised clocks on the poses of a track, and the lines about it.
 
-A camera that is late by tau shows the handle where it has moved on by v tau. Its image is shifted by
-the derivative of its pixels by the place, times v tau, and the place that suits all images best
-moves by their least squares. Two cameras side by side take a shift along their baseline for a
-distance, five or ten times as large; and a handle at a wrong distance is turned until its image has
-its size.
+A camera that is late by tau shows the handle after a further motion of v tau. Its image is shifted
+by v tau times the derivative of its pixels by the position, and the estimated position moves by the
+least-squares solution of these shifts. Two cameras side by side take a shift along their baseline
+for an error of the distance that is five or ten times as large, and a handle at a wrong distance is
+turned until its image has its size.
 
-A rig that states its errors, or that it has none, does not expect that. Of a rig that says nothing
-the images tell in each instant how large its errors are (`uncertainty.assess`), these included.
+A rig that states its uncertainty, or that it is exact, does not account for that. For a rig that
+states nothing, the size of its errors is estimated in each instant (`uncertainty.assess`), these
+included.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def widened(table: pd.DataFrame, offsets: Offsets, rig: Rig) -> pd.DataFrame:
     offsets : Offsets
         Those that are not significant do not count.
     rig : Rig
-        If it says nothing of its errors the table stays as it is.
+        If it states no uncertainty the table is unchanged.
     """
     late_s = np.where(significant(offsets), offsets.offset_s, 0.0)
     posed = np.flatnonzero(np.isfinite(table[PLACE]).all(axis=1))

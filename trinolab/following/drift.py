@@ -1,16 +1,16 @@
 """Whether a camera of the rig has turned within a recording, which one, and when.
 
 In each instant the images' offsets against each other are estimated together with the pose, from
-the identified markers alone (`identity.reconcile.fit_with_offsets`). What a motion of the
-handle explains does not show: of 2 C offsets three are missing. A camera that turns shifts its image
-from then on by the same way, wherever the handle is. So for each camera and each moment a model with
-such a shift is compared with one without, by least squares; the offsets may be anything else as
-long as they stay (the likelihood ratio of a change; Csorgo and Horvath 1997, Limit Theorems in
+the identified markers alone (`identity.reconcile.fit_with_offsets`). Offsets that a motion of the
+handle explains cannot be observed: three of the 2 C are missing. A camera that turns shifts its
+image from then on by the same amount, wherever the handle is. For each camera and each moment a
+model with such a shift is therefore compared with one without, by least squares; constant offsets
+are allowed in both (the likelihood ratio of a change; Csorgo and Horvath 1997, Limit Theorems in
 Change-Point Analysis).
 
-Neighbours in time are alike, because what is left of the centroids' bias goes with the pose. The
-ratio is divided by as much as that makes of it for a first-order autoregression, and compared with
-what such noise exceeds once in a thousand recordings.
+Successive instants are correlated, because the remaining bias of the centroids depends on the pose.
+The ratio is divided by its inflation for a first-order autoregression, and compared with the value
+that such noise exceeds once in a thousand recordings.
 """
 
 from __future__ import annotations
@@ -44,13 +44,13 @@ class Drift(NamedTuple):
     Attributes
     ----------
     cameras : tuple of int
-        Which one; several where the images do not say which of them it is.
+        The camera; several if the images do not determine which of them it is.
     instant : int
-        The first instant after it, of those that were given.
+        The first instant after the turn, counted among the given ones.
     shift_px : float
-        By how much its image has moved, as far as that shows.
+        The observable displacement of its image.
     turned_deg : float
-        The angle that does it.
+        The angle of the turn.
     """
 
     cameras: tuple[int, ...]
@@ -65,9 +65,9 @@ class Series(NamedTuple):
     Attributes
     ----------
     instant : ndarray of int, shape (n,)
-        Which of those that were given.
+        Indices among the given instants.
     shift : ndarray, shape (n, 2 C)
-        The part of the offsets that shows, px.
+        The observable part of the offsets, px.
     shows : ndarray, shape (n, 2 C, 2 C)
         The projection of any offsets onto that part.
     """

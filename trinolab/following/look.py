@@ -81,7 +81,7 @@ class Guess(NamedTuple):
     ----------
     motion : Motion
     expected : list of Expected
-        Where that has the markers, one per camera.
+        The markers that the motion predicts, one per camera.
     blurred : bool
         Whether the handle is fitted as one that moves while the shutter is open.
     """
@@ -97,7 +97,7 @@ class Observation(NamedTuple):
     Attributes
     ----------
     window : Window or None
-        In which the markers lie; None if the handle is expected outside the image.
+        The window that contains the markers; None if the handle is expected outside the image.
     markers : ndarray, shape (markers, 6)
         As `markers.markers_at` gives it, in pixels of the whole image.
     """
@@ -107,14 +107,14 @@ class Observation(NamedTuple):
 
 
 class RigState(NamedTuple):
-    """The rig of a recording as its instants have it so far.
+    """The rig of a recording, as estimated from its instants so far.
 
     Attributes
     ----------
     near : Rig
-        With which the next fit begins: the given one, displaced by what is likely.
+        The rig with which the next fit begins: the given one, displaced by its likely errors.
     earlier : RigInformation or None
-        What the instants say of its displacement.
+        The information of the instants on its displacement.
     """
 
     near: Rig
@@ -132,11 +132,11 @@ class Followed(NamedTuple):
     labels : tuple of ndarray of int, one per camera, shape (markers,)
         The marker's index where it was found and agrees, else -1.
     observations : tuple of Observation
-        What the cameras show there.
+        The markers that the cameras show there.
     rig : RigState
-        As this instant leaves it.
+        The rig after this instant.
     smear_px : float
-        How long the markers are smeared by the handle's motion; NaN where it was not estimated.
+        Length of the markers' smear by the handle's motion; NaN where it was not estimated.
     """
 
     guess: Guess
@@ -185,7 +185,7 @@ def look(
 ) -> tuple[Observation, ...]:
     """Measure the markers where they are expected; half a marker's diameter off is near enough.
 
-    A marker reaches further where it moves: by half of its way in the exposure.
+    A moving marker reaches further by half of its way during the exposure.
     """
     return tuple(
         _look(image, camera, setup, one.uv, 0.75 * one.size_px + RING_PX + one.blur_px / 2)
@@ -215,12 +215,13 @@ def follow(
 ) -> Followed:
     """Look for the markers where a guess has them, and measure the pose from those that are there.
 
-    Where the estimator gives no pose, or another one than the markers agree on, the image model
-    does: a single camera is enough for it. With `guess.blurred`, or where a fit without motion blur
-    shows some, it is the image model of a handle that moves while the shutter is open: centroids
-    are worth less than that when limb and neighbours are blurred together.
+    If the estimator gives no pose, or another one than the markers agree on, the image model is
+    fitted, for which a single camera is enough. With `guess.blurred`, or if a fit without motion
+    blur shows some, it is the image model of a handle that moves while the shutter is open, because
+    centroids are less accurate when limb and neighbours are blurred together.
 
-    `before` is the rig as the instants before have it. Of `work` fits take no more than is left.
+    `before` is the rig as estimated from the instants before. Fits take no more of `work` than
+    remains.
     """
     work = work or Work()
     work.remaining -= GUESS_UNITS

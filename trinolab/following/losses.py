@@ -1,8 +1,8 @@
 """Likely causes why the handle is not measured in most instants, as a few of them show, for a
 person to read.
 
-A wrong file is no error to a tracker: it sees nothing of the handle that it was told of, as when there
-is none. What is said here is computed from the images, and is a likely cause, not a certain one.
+A tracker cannot detect a wrong file: it finds nothing of the given handle, as if there were none.
+The causes reported here are computed from the images, and are likely, not certain.
 """
 
 from __future__ import annotations

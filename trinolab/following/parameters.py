@@ -60,13 +60,14 @@ class FollowParameters(Parameters):
         Process noise of the motion within the exposure: added to the standard deviations of the
         predicted rates.
     blurred_px : float
-        Motion within the exposure from which on a marker may show motion blur, and length of what
-        it shows from which on it is some.
+        Motion within the exposure above which a marker may show motion blur, and measured length
+        above which it does.
     blurred_length : float
-        Length of a marker's image, by its size without motion, from which on it shows motion blur.
+        Length of a marker's image, divided by its length without motion, above which it shows
+        motion blur.
     still_misfit : float
         Misfit (1 is noise) up to which the image model without motion blur explains the images;
-        beyond it they are asked how long the markers are smeared.
+        above it the length of the markers' smear is measured.
     max_fit_residual_px : float
         Largest rms residual of the windows of a good fit.
     max_sigma_mm, max_sigma_deg : float
@@ -75,12 +76,12 @@ class FollowParameters(Parameters):
         Distance and angle by which an estimator's pose may differ from that on which the markers
         agree.
     min_found : int
-        Found markers in all cameras from which on pixels are fitted.
+        Least number of found markers in all cameras for a fit of pixels.
     min_shown_share : float
         Share of the expected markers that a camera must show for the image model to count it.
     most_work : float
-        Units of `work.Work` that one instant takes at most. A fit that they do not suffice for ends
-        with its pose so far, a search goes on in the next instant.
+        Most work that one instant takes, in units of `work.Work`. A fit that needs more ends with
+        its pose so far; a search resumes in the next instant.
     search_px : float
         Largest shift of the handle's image that is looked for where the handle is not in its place.
     search_step_px : int

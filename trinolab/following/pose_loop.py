@@ -1,7 +1,7 @@
 """The fit of one pose to the markers near it, compiled: what `identity.hypotheses` does for many poses
 at once in NumPy, one call of which takes longer than all of this.
 
-An index out of bounds is not seen in compiled code: the tests run the loop with bounds checked.
+Compiled code does not detect an index out of bounds: the tests run the loop with bounds checked.
 """
 
 from __future__ import annotations

@@ -1,10 +1,9 @@
 """A filter for the handle's pose: position and orientation with their rates, driven by a white
 jerk.
 
-The model of `kalman` with 18 numbers: a small motion away from the pose that is believed, its rate
-and the rate's rate. After each step the motion goes into the pose and is zero again (the
-error-state filter, Sola 2017, arXiv:1711.02508), so that no orientation is ever far from where its
-three angles are small.
+The model of `kalman` with 18 numbers: a small motion away from the estimated pose, its rate and the
+rate's rate. After each step the motion is merged into the pose and reset to zero (the error-state
+filter, Sola 2017, arXiv:1711.02508), so that its three angles stay small.
 """
 
 from __future__ import annotations
@@ -38,7 +37,8 @@ class PoseFilterParameters:
     speed_mm_s, turn_rad_s : float
         Standard deviations of the rates at the start.
     floor_mm, floor_rad : float
-        Added to the measured poses' standard deviations: what their covariances do not know.
+        Added to the measured poses' standard deviations, for errors that their covariances do not
+        contain.
     """
 
     jerk_mm: float = 4e7
@@ -121,8 +121,8 @@ def restarted(
 ) -> Motion:
     """A motion that is elsewhere than predicted, at a position (3,), mm, with a covariance (3, 3).
 
-    Its velocity is the way since it was seen. The orientation and what is known of it stay as
-    predicted.
+    Its velocity is the mean velocity since it was last measured. The orientation and its covariance
+    stay as predicted.
     """
     pose = RigidTransform.from_components(position, motion.pose.rotation)
     begun = begin(motion.t_s, pose, block_diag(covariance, np.zeros((3, 3))), p)

@@ -1,9 +1,10 @@
 """The handle followed through a sequence by a filter on its pose: look where it is expected, else
 everywhere.
 
-The paper's windows follow what moves in each image (`tracker.step`); here they are the projections
-of one predicted pose, so that a camera that is covered for a while, or sees a hand move, knows
-where to look all the same. No background is needed: what is no marker in its place is no marker.
+The paper's windows follow the moving region of each image (`tracker.step`). Here they are the
+projections of one predicted pose, so that a camera that is covered for a while, or sees a hand
+move, still has the right window. No background is needed: only a blob at the place of a marker
+counts as one.
 """
 
 from __future__ import annotations
@@ -65,15 +66,15 @@ class TrackState(NamedTuple):
     last_measured : Motion or None
         The same when the handle was last measured, or given.
     unambiguous : bool
-        Whether the pose that is followed is the true one of those that look alike.
+        Whether it is known which of the equivalent poses is the true one.
     rig : RigState or None
-        As the measurements so far leave it; None before the first one.
+        The rig after the measurements so far; None before the first one.
     systematic : ndarray, shape (6, 6)
         Of the last measured pose, see `pose.Pose`.
     blurred : bool
         Whether the last measured markers were smeared by the handle's motion.
     cursor : int
-        Where the search of the whole images goes on that was cut short, see `identity.search.search`.
+        Where a search of the whole images that was cut short resumes, see `identity.search.search`.
     """
 
     t_s: float
@@ -93,9 +94,9 @@ class Tracked(NamedTuple):
     ----------
     measurement : Measurement
     windows : tuple of Window or None
-        That were searched; None where a camera was left out.
+        The searched windows; None where a camera was skipped.
     labels : tuple of ndarray of int, one per camera, or None
-        Of the markers found near where they were expected, also where they agree on no pose; None
+        Labels of the markers found near their expected places, even if they agree on no pose; None
         where the whole images were searched.
     """
 
@@ -165,13 +166,12 @@ def track_instants(
     parameters : FollowParameters, optional
         As for `step`.
     known : mapping of int to RigidTransform, optional
-        T_world_handle at some frames. They count as long as it is not sure which of the poses that
-        look alike holds.
+        T_world_handle at some frames. They count as long as it is ambiguous which of the equivalent
+        poses holds.
     state : TrackState, optional
         After an instant before the first one; nothing is known without it.
     keep : callable, optional
-        Takes each instant's frame and the state after it, when the instant has been dealt with;
-        what it returns is the state to go on with.
+        Called after each instant with its frame and the state; returns the state to continue with.
     """
     given = known or {}
     prepare()  # not at the expense of the first instant

@@ -1,10 +1,10 @@
 """The command ``trinolab refine``: a recording of the moving handle to a better rig and a better
 handle file.
 
-The handle is followed, instants that spread over its motion are chosen, the centres of their markers
-are measured, and `calibration.bundle` adjusts rig, marker layout and poses together. The prior of
-that adjustment is also what the handle is followed with: a pose is not refused for an error of the
-rig that is to be expected.
+The handle is followed, instants that spread over its motion are chosen, the centres of their
+markers are measured, and `calibration.bundle` adjusts rig, marker layout and poses together. The
+handle is followed with the prior of that adjustment, so that a pose is not refused for an expected
+error of the rig.
 """
 
 from __future__ import annotations
@@ -56,18 +56,18 @@ class Refined(NamedTuple):
     Attributes
     ----------
     start_rig, start_handle
-        As they were.
+        The rig and the handle before.
     found : Cleaned
         The adjustment.
     prior : Prior
-        What was known before.
+        The prior of the adjustment.
     frames : ndarray of int
-        The frames that were chosen, in the order of `found.reasons`.
+        The chosen frames, in the order of `found.reasons`.
     still, length : int
-        Instants that show the handle still enough, and all of the recording.
+        Numbers of instants at which the handle is still enough, and of all instants.
     before_px, after_px : float
-        Rms distance of the centres from where the old rig and handle have them, with the poses that
-        fit those best, and the new ones.
+        Rms distance of the centres from their predictions by the old rig and handle, with the poses
+        that fit those best, and by the new ones.
     views : pandas.DataFrame
         A row per camera and instant: `frame`, `camera`, `status` (``used``, ``left out``, ``nothing
         seen``), `centres`, `rms_px` (NaN if not used), `reason`.
@@ -119,28 +119,28 @@ def refine_files(
 ) -> Refined:
     """Adjust a rig and a handle's markers to a recording of the moving handle, and write both.
 
-    Finished work, the poses of all instants and then the centres of each, is kept in the folder
-    ``<out>.partial``. The same call goes on where an interrupted one has stopped.
+    Finished work, the poses of all instants and then the centres of each, is stored in the folder
+    ``<out>.partial``. The same call resumes an interrupted one.
 
     Parameters
     ----------
     rig, handle
-        A `Rig` and a `Handle`, or files, or names of shipped ones: what is started from. How well they
-        are known is in the rig's covariance (file) and the handle's `placement_sigma_mm`; usual values
-        stand for what they do not say, see `calibration.prior.prior_of`.
+        A `Rig` and a `Handle`, or files, or names of shipped ones: the initial values. Their
+        uncertainty is in the rig's covariance (file) and the handle's `placement_sigma_mm`;
+        defaults stand for what they do not state, see `calibration.prior.prior_of`.
     sources : mapping of str to path
         For each camera's name its video, or its folder of images (in the order of their names).
     out : path
-        A folder that is not there yet, or empty: for ``rig.toml``, ``rig.covariance.toml``,
-        ``handle.toml`` and ``views.csv``.
+        A new or empty folder for ``rig.toml``, ``rig.covariance.toml``, ``handle.toml`` and
+        ``views.csv``.
     start : path, optional
         CSV of poses known at some frames: for a handle that looks alike from several sides.
     fps, timestamps
         As for `track.track_files`.
     instants : int
-        The most that are adjusted; of more, those are chosen that spread most.
+        Most instants to adjust; of more, those that spread most are chosen.
     length : (str, str, float), optional
-        A known length that holds the scale: two cameras, or two markers by their numbers, and their
+        A known length that fixes the scale: two cameras, or two markers by their numbers, and their
         distance in mm.
     progress : bool
         Show progress bars on standard error, if that is a terminal.
@@ -148,10 +148,10 @@ def refine_files(
     Raises
     ------
     ValueError
-        Names the file or the argument: missing, unreadable, does not fit, a length between what is
-        not there, a handle that is seen still in too few instants, or whose identity is not known,
-        centres that no rig explains. Finished work is kept, unless the recording says too little:
-        the same call would be refused again.
+        Names the file or the argument: missing, unreadable, does not fit, a length between cameras
+        or markers that do not exist, a handle that is seen still in too few instants, or whose
+        identity is not known, centres that no rig explains. Finished work is kept, unless the
+        recording contains too little, since the same call would be refused again.
     KeyboardInterrupt
         Says where finished work is kept.
     """

@@ -1,5 +1,5 @@
 """Cameras that the poses of a track do without: knocked, frozen, mirrored, covered, or one frame
-ahead. The poses do not suffer from them, so that only a count shows it.
+ahead. They do not harm the poses, so that only a count reveals them.
 """
 
 from __future__ import annotations

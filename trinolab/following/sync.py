@@ -6,14 +6,14 @@ taken at t + delta, delta = offset_a - offset_b, from a spline through its frame
 
     r(delta) = Sampson distance of a's pixel at t and b's pixel at t + delta,    r' = dr/d delta = g . v_b
 
-with g the distance's gradient by b's pixel and v_b the pixel's velocity. A constant is fitted too,
-for a calibration that is slightly off: r and r' stand for what differs from their means. The least
-sum of squares is found by Gauss and Newton's steps -sum(r r') / sum(r'^2). The variance of delta is
-s^2 / sum(r'^2) for independent residuals of variance s^2; or, as errors of the calibration make
-neighbours alike, the sum over stretches of time of (sum of r r' there)^2, by sum(r'^2)^2, if that
-is more. Where little moves across the epipolar lines r' is the noise of the velocity, which says
-nothing. Each pair's sum of squares depends on its delta alone: to join the pairs by weighted least
-squares is to fit one offset a camera to all.
+with g the distance's gradient by b's pixel and v_b the pixel's velocity. A constant is fitted as
+well, for a calibration that is slightly wrong: r and r' denote deviations from their means.
+Gauss-Newton steps -sum(r r') / sum(r'^2) lead to the least sum of squares. The variance of delta is
+s^2 / sum(r'^2) for independent residuals of variance s^2; or, because errors of the calibration
+correlate neighbours, the sum over stretches of time of (sum of r r' there)^2, divided by
+sum(r'^2)^2, if that is larger. Where little moves across the epipolar lines, r' is the noise of the
+velocity and carries no information. Each pair's sum of squares depends on its delta alone: weighted
+least squares over the pairs therefore fit one offset per camera to all data.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Offsets:
     ----------
     offset_s : ndarray, shape (cameras,)
         A frame labelled t shows what the first camera shows at t + offset; NaN where the data do
-        not tell, 0 for the first camera.
+        not determine it, 0 for the first camera.
     sigma_s : ndarray, shape (cameras,)
         Standard deviations; NaN and 0 likewise.
     reasons : tuple of (str or None)
@@ -216,10 +216,11 @@ def sampson(uv_a: Array, uv_b: Array, F: Array) -> tuple[Array, Array]:
 
 
 def join(deltas: dict[tuple[int, int], Delta], cameras: int) -> Offsets:
-    """One offset a camera from the pairs' deltas, by weighted least squares; NaN where no pairs
+    """One offset per camera from the pairs' deltas, by weighted least squares; NaN where no pairs
     lead to the first.
 
-    Where the pairs contradict each other more than their standard deviations allow, these grow.
+    If the pairs contradict each other by more than their standard deviations allow, these are
+    enlarged.
     """
     good = {pair: found for pair, found in deltas.items() if found.reason is None}
     reached = {0}

@@ -83,7 +83,8 @@ def track_files(
         CSV of poses known at some frames: at the first one for a handle that looks alike from
         several sides.
     fps : float, optional
-        Frames a second, where there are no timestamps; without it what the videos state, or else 30.
+        Frames per second, where there are no timestamps; without it the videos' own rate, or else
+        30.
     timestamps : path, optional
         CSV with the columns ``frame`` and ``t_s``.
     method : str
@@ -92,8 +93,7 @@ def track_files(
     progress : bool
         Show a progress bar on standard error, if that is a terminal.
     watch : callable, optional
-        Takes the recording, each instant's frames and what was found in them, a
-        `posetracker.Tracked`.
+        Called with the recording, each instant's frames and their `posetracker.Tracked`.
 
     Returns
     -------
@@ -151,7 +151,7 @@ def track_folder(
     out : path
         As for `track_files`, which also has the other options and the errors.
     rig, handle : optional
-        In the place of the folder's own, as for `track_files`; a rig may have some of the cameras.
+        Instead of the folder's own, as for `track_files`; a rig may have some of the cameras.
     timestamps : path, optional
         Another file than the folder's.
     """
@@ -167,8 +167,8 @@ def parts_of_folder(
     handle: Handle | str | Path | None,
     timestamps: str | Path | None,
 ) -> tuple[Rig | Path, Handle | Path, dict[str, Path], str | Path | None]:
-    """Rig, handle, footage by camera and timestamps of a recording folder, or what is given in the
-    place of its own. Raises ValueError as `files.recording.open_folder`.
+    """Rig, handle, footage by camera and timestamps of a recording folder, or what is given instead
+    of its own. Raises ValueError as `files.recording.open_folder`.
     """
     if not isinstance(folder, (str, Path)):
         raise ValueError(f"folder: expected a recording folder, got {type(folder).__name__}")

@@ -1,10 +1,10 @@
 """The direction of the handle's axis: the visible end of the body tells poses apart that show the
 same markers.
 
-Turned end for end, the handle's body lies elsewhere along the axis. Beside the markers there are
-stretches of the axis where one pose has the body and the other has not: there an image shows the
-body's two edges, or it does not. What an edge looks like is learned where both have it, so the body
-may be brighter or darker than what is behind it.
+In a pose that is turned end for end, the body lies elsewhere along the axis. On some stretches of
+the axis, beside the markers, only one of the two poses has the body; an image shows the body's two
+edges there, or it does not. The appearance of an edge is learned where both poses have it, so that
+the body may be brighter or darker than its background.
 """
 
 from __future__ import annotations

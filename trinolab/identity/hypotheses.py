@@ -51,10 +51,9 @@ class Observed(NamedTuple):
     pairs : sequence of (int, int)
         Of the cameras.
     matches : sequence of ndarray of int, or None
-        For each pair the found markers, shape (k, 2), that may be the same one; None if nothing is
-        known of that.
+        For each pair the found markers, shape (k, 2), that may be the same one; None if unknown.
     offsets : ImageOffsets, optional
-        By how much the rig's errors may shift the images against each other.
+        Possible shifts of the images against each other by the rig's errors.
     """
 
     views: Views
@@ -96,13 +95,13 @@ class Explained(NamedTuple):
         Weighted squared distances of the labelled markers from where they are predicted, px^2; 0
         for the others.
     missing : ndarray, shape (h, C)
-        Markers that should have been found and were not; the steeper, the less each counts.
+        Expected markers that were not found; the steeper one is, the less it counts.
     outliers : ndarray of int, shape (h, C)
         Found markers without a label.
     cost : ndarray, shape (h,)
         Sum of the squares, and the gate's square for each outlier and for each missing marker,
-        px^2. Of the missing ones a camera counts at most as many as it labels: it may be covered,
-        or see another thing.
+        px^2. A camera counts at most as many missing ones as it labels, because it may be covered,
+        or see another object.
     spared : ndarray of int, shape (h,)
         Degrees of freedom of the squares that went into offsets of the images.
     """
@@ -168,9 +167,9 @@ def predict(poses: Poses, views: Views, layout: Layout) -> Predicted:
 def explain(poses: Poses, observed: Observed, gate_px: float, p: IdentityParameters) -> Explained:
     """Label the found markers by each pose, and say how well it explains them.
 
-    A found marker and a predicted one go together if each is the other's nearest and they lie
-    within `gate_px`. Their squared distances are counted without the offsets of the images, as far
-    as the rig's covariance grants them.
+    A found marker and a predicted one are matched if each is the other's nearest and they lie
+    within `gate_px`. The offsets of the images are removed from their squared distances as far as
+    the rig's covariance allows.
     """
     views, layout, uv = observed[:3]
     predicted = predict(poses, views, layout)

@@ -44,7 +44,7 @@ class Hypothesis:
         px^2, see `hypotheses.Explained`.
     residual_px : float
         Standard deviation of a coordinate of the labelled markers from where the pose predicts
-        them: the sum of squares by the degrees of freedom.
+        them: the sum of squares divided by the degrees of freedom.
     """
 
     T_world_handle: RigidTransform
@@ -81,7 +81,8 @@ def identify(
         marker (Eq. 17-18). With them poses are sought by these pairs alone, as in the paper;
         without, by epipolar lines and in single cameras.
     work : Work, optional
-        What the search may take, and where it goes on, see `search.search`; all without it.
+        The work that the search may take, and where it resumes, see `search.search`; unlimited
+        without it.
 
     Returns
     -------
@@ -126,9 +127,9 @@ def equivalents(T_world_handle: RigidTransform, handle: Handle) -> list[RigidTra
 def choose(alternatives: list[RigidTransform], prior: RigidTransform | None) -> tuple[int, bool]:
     """Choose among poses that the images cannot tell apart.
 
-    With a prior: the one with the least turn from it; the choice is sure if the next one is at
-    least twice as far. Without: the one with the least turn from the identity; it is sure only if
-    there is no other.
+    With a prior, the pose with the least rotation from it is chosen, and the choice is unambiguous
+    if the next one is at least twice as far. Without a prior, it is the pose with the least
+    rotation from the identity, which is unambiguous only if there is no other.
 
     Parameters
     ----------

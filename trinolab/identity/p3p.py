@@ -17,8 +17,8 @@ def three_point_depths(rays: ArrayLike, sides: ArrayLike, steps: int = 5) -> Arr
 
     A triangle that is small against its distance looks the same as its mirror image in depth.
     Without perspective the two have a closed form (Alter 1994, DOI 10.1109/34.310681); from each
-    Newton's method goes on to the solution with perspective. Where the three-point problem has
-    further solutions they are not looked for.
+    Newton's method goes on to the solution with perspective. Further solutions of the three-point
+    problem are ignored.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ class IdentityParameters:
         Pairs of found markers of two cameras that are tried, those with the smallest gap between
         their rays first.
     max_single : int
-        Found markers of one camera that are tried where it has to do alone.
+        Found markers of one camera that are tried where it is the only one.
     side_sigmas : float
         Standard deviations by which the side of a triangle of found points may differ from the
         layout's.
@@ -64,11 +64,11 @@ class IdentityParameters:
     seeds_kept : int
         Poses of one set of seeds that are fitted.
     depth_range, depth_step : float
-        One camera alone knows the distance to some percent: distances up to this share nearer and
-        further are tried against the other cameras, in steps of this share.
+        The distance from one camera alone is uncertain by some percent: distances nearer and
+        farther by up to this share are tried with the other cameras, in steps of this share.
     fit_gates : tuple of float
         Gates of the fits one after the other, in `gate_px`.
-    settled_evidence : float
+    enough_evidence : float
         Evidence (see `scoring.Verdict`) at which the search ends.
     steep_deg : float
         Slant from which on a marker's weight falls, and beyond which it is not missed.
@@ -118,7 +118,7 @@ class IdentityParameters:
     depth_range: float = 0.04
     depth_step: float = 0.004
     fit_gates: tuple[float, ...] = (4.0, 2.0, 1.0)
-    settled_evidence: float = -35.0
+    enough_evidence: float = -35.0
     steep_deg: float = 75.0
     certain_deg: float = 55.0
     edge_px: float = 10.0
@@ -144,7 +144,7 @@ class IdentityParameters:
         for name in ("max_apart_deg", "same_pose_deg"):
             as_number(getattr(self, name), name, low=0.0, high=180.0)
         as_number(self.away_cosine, "away_cosine", low=-1.0, high=1.0)
-        as_number(self.settled_evidence, "settled_evidence", high=0.0)
+        as_number(self.enough_evidence, "enough_evidence", high=0.0)
         as_number(self.steep_deg, "steep_deg", low=0.0, high=89.0, open_low=True)
         as_number(self.certain_deg, "certain_deg", low=0.0, high=self.steep_deg - 1e-3)
         as_number(self.chance, "chance", low=0.0, high=1.0, open_low=True)

@@ -1,9 +1,9 @@
-"""The rig as the pixels of one instant leave it.
+"""The rig, corrected by the pixels of one instant.
 
-Where several cameras see the handle, the rig's errors show: one image has it a little higher than the
-others allow. The rig is corrected by that as far as its covariance lets that be (the update of a
-Kalman filter, whose state is the rig): a fit of pixels begins there, since pixels are linear over less
-than a rig may be off.
+If several cameras see the handle, errors of the rig become visible: one image shows it a little
+higher than the others allow. The rig is corrected accordingly, weighted by its covariance (the
+update of a Kalman filter whose state is the rig). A fit of pixels begins with the corrected rig,
+because pixels are linear only over less than a rig's error.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Offsets(NamedTuple):
     Attributes
     ----------
     size : ndarray, shape (n, m)
-        By the offsets of the given basis, px.
+        Coefficients of the offsets in the given basis, px.
     covariance : ndarray, shape (n, m, m)
         px^2.
     poses : Poses
@@ -59,10 +59,10 @@ def reconciled(
     Parameters
     ----------
     rig : Rig
-        If it is exact nothing is corrected, unless the markers contradict it by more than centroids
-        may be off, all biases included (`p.sigma_px`): then as one of default covariance.
+        An exact rig is not corrected, unless the markers contradict it by more than the errors of
+        centroids, all biases included (`p.sigma_px`); then it counts as one of default covariance.
     handle : Handle
-        What its markers' places make of a pixel counts as noise.
+        The effect of its markers' placement on a pixel counts as noise.
     uv : ndarray, shape (cameras, markers, 2)
         Centroids of identified markers, px; NaN where there is none.
     T_world_handle : RigidTransform
@@ -75,7 +75,7 @@ def reconciled(
     -------
     rig : Rig
     T_world_handle : RigidTransform
-        As the corrected rig has it.
+        The pose with the corrected rig.
     """
     matrix = T_world_handle.as_matrix()[None]
     poses = Poses(matrix[:, :3, :3], matrix[:, :3, 3])
@@ -129,7 +129,7 @@ def fit_with_offsets(
     Parameters
     ----------
     rig, handle
-        What the markers' places make of a pixel counts as noise.
+        The effect of the markers' placement on a pixel counts as noise.
     poses : Poses
         Of n instants, right to some pixels.
     uv : ndarray, shape (n, C, markers, 2)

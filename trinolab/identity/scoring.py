@@ -1,9 +1,9 @@
 """Scores of the handle's hypothetical poses by what they explain, and those among them that the
 images cannot tell apart.
 
-Three markers in one image fix a pose; all further ones are evidence. What is found counts for more
-than what is not: a hand may hide a marker, and nothing but a marker (or a coincidence) looks like
-one at the right place.
+Three markers in one image fix a pose; all further ones are evidence. A found marker counts for more
+than a missing one: a hand may hide a marker, but only a marker (or a coincidence) looks like one at
+the right place.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Verdict(NamedTuple):
     Attributes
     ----------
     labels : ndarray of int, shape (h, C, N)
-        As explained, without those of cameras that do not go along with the pose.
+        As explained, without those of cameras that do not support the pose.
     supports, against : ndarray of bool, shape (h, C)
         Whether a camera shows the pose, or something else in its place.
     residual_px : ndarray, shape (h,)
@@ -33,8 +33,8 @@ class Verdict(NamedTuple):
     possible, holds : ndarray of bool, shape (h,)
         Whether a pose fits, and whether that is more than a coincidence.
     strained : ndarray of bool, shape (h,)
-        Whether what a pose explains is more than a coincidence, but does not fit: the markers are
-        not where the handle's file says, or the cameras not where the rig's says.
+        Whether a pose explains more than a coincidence would, but does not fit: the file of the
+        handle or of the rig is wrong.
     """
 
     labels: np.ndarray
@@ -54,8 +54,8 @@ def judge(e: Explained, p: IdentityParameters) -> Verdict:
     speaks against the pose if it does not, and has found other things instead: where two markers or
     so should be, or a handle of its own. A pose holds if it labels enough different markers and
     fits them, if two cameras support it or one does and none speaks against it, and if that is no
-    coincidence: by the number of markers and how well they fit, or because nothing that was found
-    is left over and nothing is missing.
+    coincidence: by the number of markers and how well they fit, or because every found marker is
+    explained and none is missing.
     """
     hits = e.hits
     # Cameras that show a handle by themselves, and how many of its markers at most.
@@ -84,7 +84,7 @@ def judge(e: Explained, p: IdentityParameters) -> Verdict:
 
 
 def explains_all(e: Explained, p: IdentityParameters) -> np.ndarray:
-    """Whether a pose leaves nothing over of what was found, and lacks nothing; bool (h,)."""
+    """Whether a pose explains every found marker and misses none; bool (h,)."""
     return np.asarray((e.outliers.sum(axis=1) == 0) & (e.lacking < p.missing_share))
 
 
@@ -93,8 +93,8 @@ def rivals(best: int, e: Explained, v: Verdict, misfit: Array, p: IdentityParame
     included, and the strained ones; bool (h,). A strained one with the best one's labels is the best
     one, not quite fitted.
 
-    What a pose leaves over counts against it in full. What it lacks counts only if the best pose
-    lacks nothing: otherwise something is hidden, and may hide that too.
+    Unexplained found markers count against a pose in full. Missing markers count only if the best
+    pose misses none: otherwise something hides markers, and may hide those as well.
     """
     variance = max(p.sigma_px, float(v.residual_px[best])) ** 2
     against = (

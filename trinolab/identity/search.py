@@ -136,7 +136,7 @@ def single_seeds(
     ----------
     camera : int
     observed : Observed
-        The axes of the markers, where they are given, say roughly how far away a marker is.
+        The axes of the markers, where they are given, show roughly how far away a marker is.
     p : IdentityParameters
     tries : int
         Triplets.
@@ -276,9 +276,9 @@ def search(observed: Observed, p: IdentityParameters, work: Work) -> tuple[Poses
     """Find poses that explain the found markers, good and bad ones; None if there is nothing to
     try.
 
-    Pairs of cameras come first. Where they settle nothing, single cameras are tried, unless there
-    are matches. The first to be tried is the `cursor` of the work, which goes on to what is not
-    begun when the work is spent.
+    Pairs of cameras come first. If they do not decide, single cameras are tried, unless there are
+    matches. The search begins at the `cursor` of the work, which points to the first untried part
+    when the work is spent.
     """
     tried = list(_tried(observed, p, work))
     if not tried:
@@ -387,7 +387,7 @@ def _beyond_doubt(explained: Explained, p: IdentityParameters, in_spite: bool = 
     """
     v = judge(explained, p)
     everything = explains_all(explained, p) & (v.evidence <= np.log(p.chance))
-    plenty = (v.supports.sum(axis=1) >= 2) & (v.evidence <= p.settled_evidence)
+    plenty = (v.supports.sum(axis=1) >= 2) & (v.evidence <= p.enough_evidence)
     plenty &= 4 * explained.lacking <= explained.hits.sum(axis=1)
     plenty &= in_spite | ~v.against.any(axis=1)
     return bool((v.holds & (everything | plenty)).any())

@@ -67,8 +67,8 @@ def load_robot(
     Parameters
     ----------
     robot : str or path
-        ``ur5``, or a file. Its joints are hinges with a range, each with a servo of its name for
-        the position, and one with ``_speed`` behind it for the speed.
+        ``ur5``, or a file. Its joints are hinges with a range. Each has a position servo of the
+        same name and a speed servo with ``_speed`` behind that name.
     speed_rad_s, acceleration_rad_s2 : array_like, scalar or shape (n,)
         Limits that such a file cannot state.
 

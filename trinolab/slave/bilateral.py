@@ -1,13 +1,14 @@
 """A master and a slave that feel each other, one degree of freedom (beyond the paper).
 
-Two masses, a hand on one and something to be touched before the other, and a channel between them
-that is late. Three ways to close it: position-position, wave variables, and position-position under
-a passivity controller. Speeds and forces count towards the slave's surroundings; SI units.
+There are two masses, a hand on one and an object in front of the other, and a channel with a delay
+between them. The loop is closed in three ways: position-position, wave variables, and
+position-position under a passivity controller. Speeds and forces count towards the slave's
+surroundings; SI units.
 
-Hannaford (1989), IEEE Trans. Robotics and Automation 5(4), 426-434, has the two-port; Anderson and
-Spong (1989), IEEE Trans. Automatic Control 34(5), 494-501, and Niemeyer and Slotine (1991), IEEE J.
-Oceanic Engineering 16(1), 152-162, the waves; Hannaford and Ryu (2002), IEEE Trans. Robotics and
-Automation 18(1), 1-10, the passivity controller.
+Hannaford (1989), IEEE Trans. Robotics and Automation 5(4), 426-434, describes the two-port;
+Anderson and Spong (1989), IEEE Trans. Automatic Control 34(5), 494-501, and Niemeyer and Slotine
+(1991), IEEE J. Oceanic Engineering 16(1), 152-162, the waves; Hannaford and Ryu (2002), IEEE Trans.
+Robotics and Automation 18(1), 1-10, the passivity controller.
 """
 
 from __future__ import annotations
@@ -149,7 +150,7 @@ def simulate(
     push_n : array_like, shape (n,)
         The hand's force, N.
     wall_m, wall_stiffness : float
-        Before the slave: a spring that pushes back from this place on, m and N/m.
+        The object: a spring that pushes back from this position on, m and N/m.
     step_s : float
         s.
     start_m_s : float

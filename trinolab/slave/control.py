@@ -1,14 +1,14 @@
 """Joint commands from commanded poses: the tool's reference, and joints that follow within their
 limits.
 
-The reference goes after commanded poses no faster, and with no more acceleration, than a tool
-should. Joint speeds follow by differential inverse kinematics (extra `slave`), within limits of
-position, speed and acceleration.
+The reference follows commanded poses within limits of the tool's speed and acceleration. Joint
+speeds follow by differential inverse kinematics (extra `slave`), within limits of position, speed
+and acceleration.
 
-Time is cut into ticks; during each a joint moves with one speed. A speed is allowed if it differs
-from the last one by no more than the acceleration permits, and if the joint can still stop before
-the end of its range by slowing down as fast as it may. Whatever was allowed at one tick leaves
-something that is allowed at the next: slowing down.
+Time is divided into ticks, during each of which a joint's speed is constant. A speed is allowed if
+it differs from the last one by no more than the acceleration permits, and if the joint can still
+stop before the end of its range by slowing down as fast as it may. After a speed that was allowed
+at one tick, slowing down is always allowed at the next.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ def leashed(
     """Call a reference back that the tool (T_base_tool) cannot follow, or it would come back late
     (anti-windup).
 
-    What goes on pulling at the leash, its speed loses.
+    The reference loses the part of its speed that would lead it further away.
     """
     p = parameters or ReferenceParameters()
     if not apart(reference.pose, tool, p.leash_mm, p.leash_rad):

@@ -2,9 +2,8 @@
 
 While the clutch is closed, the tool moves from where it was when it was closed as the handle moves
 from where it was, scaled, and turned so that the operator sees in the surveillance camera's picture
-what the hand does. While it is open the tool rests, and the hand can be brought back (indexing).
-What cannot be trusted makes the tool rest as well, until the clutch has been opened and is closed
-anew.
+what the hand does. While it is open the tool rests, and the hand can be brought back (indexing). An
+unreliable sample stops the tool as well, until the clutch has been opened and closed again.
 """
 
 from __future__ import annotations
@@ -36,24 +35,24 @@ class MappingParameters:
     Attributes
     ----------
     scale : float
-        Tool : handle, of distances.
+        Distance that the tool moves, divided by the handle's.
     turn_scale : float
-        Tool : handle, of angles.
+        Angle that the tool turns, divided by the handle's.
     alignment : Rotation
         R_base_world: how directions in the handle's world frame become directions at the robot, see
         `alignment`.
     filtering : OneEuroParameters
     stale_s : float
-        So old may the last pose be that was measured.
+        Largest age of the last measured pose.
     hand_mm_s, hand_rad_s : float
-        No hand is faster: a pose further away was not measured right.
+        Largest speed of a hand: a pose that is further away counts as wrong.
     slack_mm, slack_rad : float
-        What a pose may be off besides.
+        Allowance for the error of a pose.
     reach_mm : tuple of three pairs of floats
-        Where the tool may be commanded to, low and high in x, y, z of the base.
+        Range of the commanded position, low and high in x, y, z of the base.
     leash_mm : float
-        How far beyond that the hand may be ahead; then it takes the handle's origin along
-        (anti-windup).
+        Distance by which the hand may lead beyond that range; from there on it takes the handle's
+        origin along (anti-windup).
     """
 
     scale: float = 1.0
@@ -150,15 +149,15 @@ def alignment(surveillance: Camera, R_operator_world: Rotation | None = None) ->
     surveillance : Camera
         Its frame in the robot's base frame, as ``T_world_cam``.
     R_operator_world : Rotation, optional
-        From the handle's world frame to one with x to the operator's right, y down, z away; the
-        world frame is such a one without it, as it is where the operator looks along with CCD1.
+        From the handle's world frame to one with x to the operator's right, y down, z away; without
+        it the world frame is such a one, as if the operator looked along CCD1's axis.
     """
     return surveillance.T_world_cam.rotation * (R_operator_world or Rotation.identity())
 
 
 def step(state: State, sample: Sample, parameters: MappingParameters | None = None) -> State:
-    """The state after another instant. Nothing that a sample holds raises: what cannot be used
-    makes the tool rest.
+    """The state after another instant. No sample raises an error: one that cannot be used stops the
+    tool.
     """
     p = parameters or MappingParameters()
     t = sample.t_s

@@ -2,7 +2,7 @@
 
 Casiez, Roussel, Vogel: 1 Euro Filter: A Simple Speed-based Low-pass Filter for Noisy Input in
 Interactive Systems. CHI 2012, doi:10.1145/2207676.2208639. Position and orientation are filtered
-apart; a speed is the length of a vector.
+separately; a speed is the length of a vector.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ class OneEuroParameters:
     cutoff_hz, turn_cutoff_hz : float
         At rest, of position and orientation, Hz.
     slope, turn_slope : float
-        Hz a mm/s, and Hz a rad/s.
+        Hz per mm/s, and Hz per rad/s.
     speed_cutoff_hz : float
         Of the speeds.
     """

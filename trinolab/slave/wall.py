@@ -161,7 +161,7 @@ def passive_limit(loop: Loop) -> float:
     Raises
     ------
     ValueError
-        If the loop has a delay: the bound knows of none.
+        If the loop has a delay, which the bound does not cover.
     """
     as_number(loop.delay_s, "delay_s", 0.0, 0.0)
     spare = max(loop.damping - loop.wall_damping, 0.0)
@@ -227,12 +227,12 @@ def simulate(
     push_n : float
         h, N.
     one_sided : bool
-        A wall only pushes, and only where it is; else it holds on to the master like a spring.
+        Whether the wall only pushes; else it holds the master like a spring.
 
     Returns
     -------
     Contact
-        Eight instants a period.
+        Eight instants per period.
 
     Raises
     ------
@@ -259,8 +259,8 @@ def grows(loop: Loop, stiffness: float) -> bool:
     """Whether the oscillation of a master that is let go in a two-sided wall grows, by simulation.
 
     Up to 60 passages through zero are simulated. The mean square of the depths in the last third of
-    them is held against that in the third before. A master that hardly swings decays. Raises
-    ValueError as `simulate`.
+    them is compared with that in the third before. A master that hardly swings counts as one that
+    decays. Raises ValueError as `simulate`.
     """
     as_number(stiffness, "stiffness", 0.0)
     sampling_period(loop)
