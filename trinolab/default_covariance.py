@@ -82,7 +82,7 @@ def assumed(rig: Rig, handle: Handle, rig_file: object, handle_file: object) -> 
         low, high = _image_px(rig) * np.sqrt(FREEDOM / chdtri(FREEDOM, MIDDLE_HALF))
         lines.append(
             f"{rig_file}: does not say how well the cameras are known; a usual calibration is assumed, "
-            f"{low:.2g} to {high:.2g} px an image: what the images contradict tells how much"
+            f"{low:.2g} to {high:.2g} px per image: what the images contradict tells how much"
         )
     if handle.placement_sigma_mm is None:
         lines.append(

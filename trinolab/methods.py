@@ -3,7 +3,7 @@ it computes.
 """
 
 PAPER = "paper"  # Eq. 20-24
-BEST = "patches"  # the most accurate that keeps up with 30 frames a second
+BEST = "patches"  # the most accurate that keeps up with 30 frames per second
 ESTIMATORS = (PAPER, "reprojection", BEST)
 # what --method may name -> the estimator
 METHODS = {**{name: name for name in ESTIMATORS}, "best": BEST}

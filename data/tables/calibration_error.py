@@ -82,7 +82,7 @@ def _moved(camera: Camera, shift_mm: Array) -> Camera:
 
 
 def one_draw(changed: str, level: float, rig: str, handle: str, draw: int) -> list[Row]:
-    """What one drawn rig does to Table 1's twenty poses: a row an estimator.
+    """What one drawn rig does to Table 1's twenty poses: a row per estimator.
 
     Of the measured poses, up to the handle's symmetry: `E_t_mm` (Eq. 26); `geodesic_deg`, the mean;
     `registered_mm`, E_t after the measured positions were laid onto the true ones by one rigid

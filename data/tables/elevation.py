@@ -34,7 +34,7 @@ SEED = 40  # of the random poses
 
 
 def cell(elevation_deg: float) -> list[Row]:
-    """A row an estimator at one elevation.
+    """A row per estimator at one elevation.
 
     Columns: mean numbers of markers that two cameras share, of random poses; `n`, `E_t_mm` and
     `geodesic_mean_deg` on Table 1's poses, up to the handle's symmetry; as ``kept_...`` the share

@@ -7,7 +7,7 @@ from workbench.studies.gallery import GALLERY, Exhibit, settings
 
 
 def table(name: str, exhibit: Exhibit) -> Table:
-    """A run a row; a test makes the one in the middle again, if no chapter is to be run for it."""
+    """A run per row; a test makes the one in the middle again, if no chapter is to be run for it."""
     rows = settings(name)
     return Table(
         name,

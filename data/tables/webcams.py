@@ -99,7 +99,7 @@ def rod_poses(rig: Rig, count: int = POSES, seed: int = SEED) -> RigidTransform:
 
 
 def cell(webcam: int, rod: int) -> list[Row]:
-    """A row an estimator of one of `WEBCAMS` and one of `RODS_MM`.
+    """A row per estimator of one of `WEBCAMS` and one of `RODS_MM`.
 
     Columns: the setting; `marker_px`, the marker's diameter in the image at the distance of the
     place; `n`, poses; `measured`, the share that has a pose, and `wrong`, the share of those that is

@@ -945,7 +945,7 @@ FAULTS = {
     "sweep: empty file": (
         text("b.csv", "b\n"),
         SWEEP + " -p @b.csv",
-        "b.csv: expected a row a run, got none",
+        "b.csv: expected a row per run, got none",
     ),
     "sweep: empty cell": (
         text("b.csv", "b,name\n1,\n"),

@@ -96,9 +96,9 @@ def test_what_was_assumed_is_said_in_a_line():
     (line,) = assumed(SILENT, CODED, "r.toml", "h.toml")
     assert line.startswith("r.toml: does not say how well the cameras are known; a usual")
     # a quarter of chi-square with half a degree of freedom lies beyond 0.521, three beyond 0.00528
-    assert "0.24 to 2.4 px an image" in line
+    assert "0.24 to 2.4 px per image" in line
     (line,) = assumed(replace(SILENT, reprojection_px=0.21), CODED, "r.toml", "h.toml")
-    assert "0.21 to 2 px an image" in line
+    assert "0.21 to 2 px per image" in line
     (line,) = assumed(RAISED, unplaced, "r.toml", "h.toml")
     assert line.startswith("h.toml: does not say how well the markers are placed")
     assert "0.05" in line

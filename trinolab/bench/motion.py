@@ -70,7 +70,7 @@ def smooth_motion(
     count = round(as_number(duration_s, "duration_s", 0.0) * fps)
     if count < 1:
         raise ValueError(
-            f"duration_s: expected one frame or more at {fps:g} frames a second, got {duration_s!r}"
+            f"duration_s: expected one frame or more at {fps:g} frames per second, got {duration_s!r}"
         )
     return motion_at(rng, np.arange(count) / fps, start, **options)
 
@@ -176,7 +176,7 @@ def _even_pace(seed: int, times: Array, step_s: float = 0.01) -> Array:
     longest = times.max(initial=0.0) * np.sqrt(_HAND_MM_S / _SLOWEST_MM_S)
     path_s = np.arange(0, longest + 2 * step_s, step_s)
     speed = np.linalg.norm(np.gradient(_person(seed, path_s).translation, step_s, axis=0), axis=1)
-    pace = np.sqrt((speed + _SLOWEST_MM_S) / _HAND_MM_S)  # seconds a second of the path
+    pace = np.sqrt((speed + _SLOWEST_MM_S) / _HAND_MM_S)  # seconds per second of the path
     passed = np.concatenate([[0.0], np.cumsum(step_s * (pace[1:] + pace[:-1]) / 2)])
     return np.interp(times, passed, path_s)
 

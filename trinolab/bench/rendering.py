@@ -126,7 +126,7 @@ def scripted(
     times = np.arange(round(as_number(seconds, "seconds", 0.0, 3600.0, open_low=True) * fps)) / fps
     if len(times) == 0:
         raise ValueError(
-            f"seconds: expected one frame or more at {fps:g} frames a second, got {seconds!r}"
+            f"seconds: expected one frame or more at {fps:g} frames per second, got {seconds!r}"
         )
     return Job(rig, handle, SCRIPTS[name](rig, times, seed), times, seed)
 
@@ -243,7 +243,7 @@ def _followed(
 
 
 def _times_of(table: pd.DataFrame, path: str | Path, fps: float) -> np.ndarray:
-    """The instants' own times, s; where there are none they follow from the frames a second."""
+    """The instants' own times, s; where there are none they follow from the frames per second."""
     if "t_s" not in table or table["t_s"].isna().all():
         return np.arange(len(table)) / fps
     times = table["t_s"].to_numpy(float)

@@ -194,7 +194,7 @@ class _Springs:
 
     def __init__(self, p: Teleoperator, late: int, count: int, dt: float, guarded: bool) -> None:
         self._p, self._late, self._dt, self._guarded = p, late, dt, guarded
-        # a row a step: places and speeds of master and slave, energies put in by either
+        # a row per step: places and speeds of master and slave, energies put in by either
         self._sent = np.zeros((count + late, 6)).tolist()
         self._in = [0.0, 0.0]
         self._out = [0.0, 0.0]

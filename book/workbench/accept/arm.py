@@ -202,7 +202,7 @@ def judge(setup: Setup, found: list[dict[str, Any]], noise: Noise) -> Answer:
         answer.pictures.append(picture)
     answer.notes.append(
         "A simulated six-axis arm with its servos follows a hand through mapping, reference and "
-        f"inverse kinematics, 30 poses a second, with the noise that {noise.source} "
+        f"inverse kinematics, 30 poses per second, with the noise that {noise.source} "
         f"({1e3 * noise.mm:.2g} µm and {1e3 * noise.deg:.2g} mdeg about each axis, one standard "
         f"deviation). Five poses, {cycles(setup)} times each, read {DWELL_S:g} s after the hand "
         f"has come to rest; a circle of {RADIUS_MM:g} mm radius and a square of {SIDE_MM:g} mm, "

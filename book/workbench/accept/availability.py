@@ -85,7 +85,7 @@ def judge(setup: Setup, rows: list[list[Row]]) -> Answer:
             far_count(NAME, int(far), int(track.found.sum()), setup.seed),
         ]
     answer.notes.append(
-        f"The script `hard`, {len(job.shots) / FPS:.3g} s at {FPS:g} instants a second: a person's "
+        f"The script `hard`, {len(job.shots) / FPS:.3g} s at {FPS:g} instants per second: a person's "
         "motion, hand and forearm, a second hand that hides the handle from one camera after the "
         "other, a step of the light by 1.5, a covered camera, a handle that leaves the images. "
         "Possible is an instant at which one camera truly sees four markers, or two see three "

@@ -263,7 +263,7 @@ def _picture(places: Array, distances: Array) -> Picture:
     return Picture(
         "map_combined",
         "Where in the field the position error is how large with a calibration of your own, seen along y: a "
-        "dot a pose, its colour the error on a logarithmic scale.",
+        "dot per pose, its colour the error on a logarithmic scale.",
         datasheet.as_png(
             datasheet.plot_error_map(
                 places[:, [0, 2]], distances, ["x / mm", "z / mm"], "position error / mm"

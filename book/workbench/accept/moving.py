@@ -279,7 +279,7 @@ def _relative(setup: Setup, raster: int, rows: list[list[Row]]) -> tuple[Array, 
 def _picture(speeds: Array, errors: Array) -> Picture:
     return Picture(
         "moving",
-        "The error of the bar's length over the speed, a dot an instant, with the root mean square "
+        "The error of the bar's length over the speed, a dot per instant, with the root mean square "
         "of each range of speed.",
         datasheet.as_png(
             datasheet.plot_over_speed(

@@ -20,7 +20,7 @@ from .tracks import Row, Track
 NAME = "A1"
 TITLE = "Jitter and drift at rest"
 PLACES = 9
-SHARE, FEWEST = 240 / 512, 12  # of instants a place
+SHARE, FEWEST = 240 / 512, 12  # of instants per place
 OUTWARDS = 0.65  # the eight outer places, as a share of the way from the middle to the field's ends
 # A recording in which the handle leaves its median by no more than this at 95 % of the instants is
 # one of a handle at rest.
@@ -262,7 +262,7 @@ def _picture(rests: list[Rest]) -> Picture:
     png = datasheet.as_png(datasheet.plot_allan(curves, "Allan deviation of the position / µm"))
     return Picture(
         "allan",
-        "Allan deviation of the position over the averaging time, a grey line a place, their root "
+        "Allan deviation of the position over the averaging time, a grey line per place, their root "
         "mean square in blue, and a dashed line that falls with the root of the time, as white "
         "noise does.",
         png,

@@ -151,7 +151,7 @@ def _pictures(setup: Setup, drawn: Drawn, off: Array, found: np.ndarray) -> list
     maps = [
         Picture(
             f"map_{name}",
-            f"Where in the field the position error is how large, seen along {along}: a dot a "
+            f"Where in the field the position error is how large, seen along {along}: a dot per "
             "pose, its colour the error on a logarithmic scale.",
             datasheet.as_png(
                 datasheet.plot_error_map(
@@ -164,7 +164,7 @@ def _pictures(setup: Setup, drawn: Drawn, off: Array, found: np.ndarray) -> list
     against = [
         Picture(
             f"freedoms_{name}",
-            f"The {name} error over each of the six degrees of freedom, a dot a pose, with the "
+            f"The {name} error over each of the six degrees of freedom, a dot per pose, with the "
             "median of six ranges.",
             datasheet.as_png(
                 datasheet.plot_against(freedoms, values, FREEDOMS, f"{name} error / {unit}", BINS)

@@ -103,7 +103,7 @@ def agrees(built: Any, here: Any) -> bool:
 
 
 def compared(chapter: str, built: Mapping[str, Any], here: Mapping[str, Any]) -> pd.DataFrame:
-    """The numbers of a chapter from both platforms, one a row."""
+    """The numbers of a chapter from both platforms, one per row."""
     rows = [
         {
             "chapter": chapter,
@@ -129,7 +129,7 @@ def why_apart(chapter: str, name: str) -> str:
 
 
 def of_chapter(chapter: str, ran: Ran) -> pd.DataFrame:
-    """The numbers of a chapter's built page and those of its run, one a row."""
+    """The numbers of a chapter's built page and those of its run, one per row."""
     return compared(chapter, glued(read_notebook(result_of(chapter))), ran.glued)
 
 

@@ -94,7 +94,7 @@ def capture(
     size : (int, int), optional
         Width and height that cameras are asked for, if there is no rig.
     preview : bool
-        Keep ``preview.png`` in the unfinished folder: what the cameras see, four times a second.
+        Keep ``preview.png`` in the unfinished folder: what the cameras see, four times per second.
 
     Raises
     ------

@@ -37,7 +37,7 @@ class Source(NamedTuple):
 
 class Attached(NamedTuple):
     """A camera of this computer: its index, its name if the system says it, width and height, px,
-    and frames a second as it stands; or what is wrong with it, and no size.
+    and frames per second as it stands; or what is wrong with it, and no size.
     """
 
     number: int

@@ -127,7 +127,7 @@ def of_cameras(
     digits: int = 0,
     notes: Sequence[str] = (),
 ) -> dict[str, str | float]:
-    """A row of a value a camera: the worst one counts; NaN where a camera has none. A note a camera
+    """A row of a value per camera: the worst one counts; NaN where a camera has none. A note per camera
     may stand behind its value.
     """
     numbers = np.asarray(values, float)

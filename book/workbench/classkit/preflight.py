@@ -51,7 +51,7 @@ T = TypeVar("T")
 
 class Clip(NamedTuple):
     """What is looked at: the cameras' names and footage, their times (s) if they are known, and
-    frames a second.
+    frames per second.
     """
 
     names: tuple[str, ...]
@@ -92,7 +92,7 @@ def preflight(
     Returns
     -------
     pandas.DataFrame
-        A row a question, with the columns `criteria.COLUMNS`.
+        A row per question, with the columns `criteria.COLUMNS`.
 
     Raises
     ------

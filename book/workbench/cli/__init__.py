@@ -449,7 +449,7 @@ def _list_cameras() -> int:
 
     cameras = list_cameras()
     for one in cameras:
-        what = "{} x {} px, {:g} frames a second".format(*(one.size or (0, 0)), one.fps)
+        what = "{} x {} px, {:g} frames per second".format(*(one.size or (0, 0)), one.fps)
         say(f"{one.number:3d}  {one.name or 'camera'}: {one.problem or what}")
     if not cameras:
         say("no camera; a container or a virtual machine has those that are handed through to it")
@@ -727,7 +727,7 @@ def as_text(board: pd.DataFrame, width: int = 76) -> str:
 
 
 def essential(board: pd.DataFrame) -> pd.DataFrame:
-    """The board that a reader sees first: one line a question, for which its rows stand together.
+    """The board that a reader sees first: one line per question, for which its rows stand together.
 
     Returns
     -------

@@ -74,14 +74,14 @@ BITS = option(
     "--bits N",
     "that the cameras have, of files of 16 (default: as few as hold some of their images)",
 )
-DEVICE_FPS = option("--fps F", "frames a second to ask of cameras, or to play videos with")
+DEVICE_FPS = option("--fps F", "frames per second to ask of cameras, or to play videos with")
 FOOTAGE = option(
     "folder RECORDING",
     "a recording folder; --rig and --handle replace its own files. Without one all of --rig, "
     "--handle and --video are needed. track reads a ROS 2 bag as well",
     nargs="?",
 )
-FPS = option("--fps F", "frames a second (default: what the videos state, or else 30)")
+FPS = option("--fps F", "frames per second (default: what the videos state, or else 30)")
 HANDLE = option(
     "--handle HANDLE.toml",
     "the handle and its markers: a file, or a shipped one by its name, as coded",
@@ -125,7 +125,7 @@ COMMANDS = (
             option("--seconds S", "length (default: 10, or all of POSES.csv)"),
             option(
                 "--fps F",
-                "frames a second; the times of POSES.csv go before it (default: %(default)g)",
+                "frames per second; the times of POSES.csv go before it (default: %(default)g)",
                 default=30.0,
             ),
         ],
@@ -186,7 +186,7 @@ COMMANDS = (
             HANDLE,
             option(
                 "--images DIR",
-                "holds a folder a camera, named as in the rig, the same file names in each; a pose's "
+                "holds a folder per camera, named as in the rig, the same file names in each; a pose's "
                 "frame is the number in the name, where the names differ in their numbers alone, else "
                 "they count from 0",
             ),
@@ -483,7 +483,7 @@ COMMANDS = (
             option(
                 "-p --parameter NAME=VALUES",
                 "a:b:n, n values from a to b; log:a:b:n, the same in equal ratios; a list like 0,1,2 "
-                "(TOML literals); @FILE.csv, a column a parameter and a row a run. Each is combined with "
+                "(TOML literals); @FILE.csv, a column per parameter and a row per run. Each is combined with "
                 "each",
                 action="append",
             ),
@@ -498,7 +498,7 @@ COMMANDS = (
             ),
             option("--sample-seed N", "of that draw (default: %(default)s)", default=0),
             [
-                option("--workers N", "kernels at a time (default: one a core)"),
+                option("--workers N", "kernels at a time (default: one per core)"),
                 option(
                     "--scheduler ADDRESS",
                     "of a Dask cluster that runs already, like tcp://host:8786: its workers run the notebooks",
@@ -579,14 +579,14 @@ COMMANDS = (
             ),
             option(
                 "--all DIR",
-                "the folder of a class: in it a folder a student, and in that a file a chapter, as in "
+                "the folder of a class: in it a folder per student, and in that a file per chapter, as in "
                 "04_kalman.ipynb, or files as Canvas names them; what is checked already is not checked "
                 "again. Each file runs as a program: inside bwrap where that works, else with your rights",
                 dest="folder",
             ),
             option(
                 "--out FILE",
-                "the table to write: with --all, points and what is said, a row a student (default: "
+                "the table to write: with --all, points and what is said, a row per student (default: "
                 "points.csv in the class's folder)",
             ),
         ],

@@ -52,7 +52,7 @@ def measure_folder(
     rig, handle : path
         Rig and handle file.
     images : path
-        Holds a folder a camera, named as in the rig, the same file names in each; what is in
+        Holds a folder per camera, named as in the rig, the same file names in each; what is in
         others is left out. The frames are the numbers in the names, see `recording.frames_named`.
         Colour and 16-bit images are converted. The log says what was left out or converted.
     out : path

@@ -48,7 +48,7 @@ def scale(refined: Refined) -> str:
 
 
 def _camera_lines(refined: Refined) -> list[str]:
-    """A block of lines a camera: each parameter that could change."""
+    """A block of lines per camera: each parameter that could change."""
     bundle = refined.found.bundle
     changes = difference(bundle.rig, refined.start_rig)
     sigmas = np.sqrt(np.diag(bundle.covariance))[: changes.size].reshape(changes.shape)

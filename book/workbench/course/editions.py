@@ -335,7 +335,7 @@ Students hand in `submissions/<name>/04_kalman.ipynb`, and
 
     trinolab check --all submissions
 
-makes a table with a row a student: the points of each exercise, and what the grader says to each that is not right.
+makes a table with a row per student: the points of each exercise, and what the grader says to each that is not right.
 Each file runs as a program: install bubblewrap first (Linux), or use a container. The book's part *The course*
 has plans for lessons, misconceptions, projects and an exam.
 """

@@ -177,7 +177,7 @@ def verdict_of(asked: Exercise, found: Found, guess: Mapping | None = None) -> V
 
 
 def as_text(verdicts: Sequence[Verdict]) -> str:
-    """A line an exercise, and the points."""
+    """A line per exercise, and the points."""
     points, of = sum(one.points for one in verdicts), sum(one.of for one in verdicts)
     return "\n".join([*map(str, verdicts), f"{points} of {of} points"])
 
@@ -270,7 +270,7 @@ def _one_of(
 
 
 def check_class(folder: Path, out: Path) -> pd.DataFrame:
-    """Check what a class has handed in: a folder a student, in it a file a chapter; or files alone,
+    """Check what a class has handed in: a folder per student, in it a file per chapter; or files alone,
     as `handed_in` finds them.
 
     What is checked is kept in the class's folder. Stopped and started again, or started again after
@@ -286,7 +286,7 @@ def check_class(folder: Path, out: Path) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        A row a student: the points of each exercise of the chapters that anybody handed in, the
+        A row per student: the points of each exercise of the chapters that anybody handed in, the
         sum, and what is said of those that are not right. Nothing stands where nothing was handed
         in.
 
@@ -296,7 +296,7 @@ def check_class(folder: Path, out: Path) -> pd.DataFrame:
         Nobody has handed in anything, or another process checks this class.
     """
     if not folder.is_dir():
-        raise ValueError(f"{folder}: expected a folder that has a folder a student")
+        raise ValueError(f"{folder}: expected a folder that has a folder per student")
     check_target(out)
     submissions = handed_in(folder, out)
     if not any(it.chapter for it in submissions):

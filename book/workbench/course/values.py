@@ -1,4 +1,4 @@
-"""Exercises that are answered with values, as ``data/exercises`` has them, a TOML file a chapter."""
+"""Exercises that are answered with values, as ``data/exercises`` has them, a TOML file per chapter."""
 
 from __future__ import annotations
 

@@ -78,7 +78,7 @@ def picture(
     Parameters
     ----------
     images : sequence of ndarray, shape (height, width)
-        Grey levels 0 to 255, one a camera.
+        Grey levels 0 to 255, one per camera.
     tracked : posetracker.Tracked
     rig : Rig
     frame, t_s

@@ -32,9 +32,9 @@ from .pointing import Pointing
 from .recorder import Recorder
 from .sources import Source
 
-TICK_S = 0.008  # from one command to the arm to the next: 125 a second, as a UR5 takes them
+TICK_S = 0.008  # from one command to the arm to the next: 125 per second, as a UR5 takes them
 LONGEST_S = 0.25  # that the arm catches up, or a busy computer would fall behind ever more
-SIMULATED_STALE_S = 1.0  # a busy computer draws few images a second, and no hand is in danger
+SIMULATED_STALE_S = 1.0  # a busy computer draws few images per second, and no hand is in danger
 LOG = "pointing.csv"
 REDIRECT = """<!DOCTYPE html>
 <html lang="en"><head><meta charset="utf-8"><title>trinolab live</title>

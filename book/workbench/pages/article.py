@@ -255,7 +255,7 @@ def _software() -> dict[str, str]:
 
 
 def claims_table(board: pd.DataFrame) -> str:
-    """The essential rows, a line a question."""
+    """The essential rows, a line per question."""
     lines = []
     for question, some in essential_rows(board).items():
         paper = list(dict.fromkeys(f"{row.paper} {row.unit}".strip() for row in some.itertuples()))

@@ -4,7 +4,7 @@ scoreboard and what decided how long it took.
     .venv/bin/python book/build.py
 
 Nothing here has a time limit: how long a rendering takes depends on the machine. On a terminal a
-line says what is running, in a log there is one a minute; Ctrl-C stops it.
+line says what is running, in a log there is one per minute; Ctrl-C stops it.
 
 A rendering of a recording is a job as a chapter is; only the chapters that read the recording wait
 for it. Of the jobs that wait for nothing the one with the longest way to the end starts first.

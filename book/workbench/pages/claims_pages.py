@@ -96,7 +96,7 @@ def board_table(board: pd.DataFrame) -> str:
 
 
 def essential_table(board: pd.DataFrame) -> str:
-    """The board that a reader sees first: a line a question, its rows' criteria and reasons folded
+    """The board that a reader sees first: a line per question, its rows' criteria and reasons folded
     away below it.
     """
     rows = []

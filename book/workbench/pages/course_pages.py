@@ -20,7 +20,7 @@ from ..sweep.notebook import read_notebook
 from .claims_pages import escaped, list_table
 
 WORDS_A_MINUTE = 130  # of a text with formulas
-LINES_A_MINUTE = 12  # of code: five seconds a line
+LINES_A_MINUTE = 12  # of code: five seconds per line
 FOLDED = {"hide-input", "hide-cell", "remove-input", "remove-cell"}
 
 
@@ -38,7 +38,7 @@ def write_pages(folder: Path) -> None:
 
 
 def chapters_table() -> str:
-    """A row a chapter: what it is called, how long one reads, how many exercises, their points."""
+    """A row per chapter: what it is called, how long one reads, how many exercises, their points."""
     rows = []
     minutes, number, points = 0, 0, 0
     for chapter in CHAPTERS:
@@ -90,7 +90,7 @@ def reading_minutes(path: Path) -> int:
 
 
 def exercises_list(chapter: str) -> str:
-    """A row an exercise: its points, its minutes, and what the grader says to each wrong answer that it
+    """A row per exercise: its points, its minutes, and what the grader says to each wrong answer that it
     knows.
     """
     rows = [

@@ -57,7 +57,7 @@ def write_figures(html: Path, folder: Path) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        The list: a row a file.
+        The list: a row per file.
     """
     folder.mkdir(parents=True, exist_ok=True)
     rows = []

@@ -16,7 +16,7 @@ from trinolab.checks import Array, as_image, as_points
 from trinolab.workspace.cones import Cone
 
 STYLE = Path(__file__).with_name("trinolab.mplstyle")
-# one a camera, or one a spot
+# one per camera, or one per spot
 COLOURS = ("#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00", "#F0E442", "#CC79A7")
 
 

@@ -53,7 +53,7 @@ def plot_epipolar_plane(
 
 
 def plot_windows(windows: Sequence[Sequence[ArrayLike]], titles: Sequence[Sequence[str]]) -> Figure:
-    """Windows that are compared, side by side: a row a pair, left and right.
+    """Windows that are compared, side by side: a row per pair, left and right.
 
     Parameters
     ----------

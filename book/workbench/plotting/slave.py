@@ -40,7 +40,7 @@ def plot_arm(frames: RigidTransform, names: Sequence[str]) -> Figure:
         If there are not as many names as frames.
     """
     if len(names) != len(frames):
-        raise ValueError(f"names: expected {len(frames)}, one a frame, got {len(names)}")
+        raise ValueError(f"names: expected {len(frames)}, one per frame, got {len(names)}")
     figure, ax = subplots(figsize=(6.9, 4.6))
     origins = _from_aside(frames.translation)
     ax.plot(*origins.T, "-", color="#B0B4BA", linewidth=7, solid_capstyle="round", zorder=1)

@@ -92,7 +92,7 @@ def plot_budget(table: pd.DataFrame, columns: Mapping[str, str]) -> Figure:
     Parameters
     ----------
     table : pandas.DataFrame
-        A row a bar, from top to bottom; the index names it, `group` is what it belongs to.
+        A row per bar, from top to bottom; the index names it, `group` is what it belongs to.
     columns : mapping
         From the name of a column to that of its x axis. NaN has no bar.
     """
@@ -121,7 +121,7 @@ def plot_budget(table: pd.DataFrame, columns: Mapping[str, str]) -> Figure:
 
 
 def plot_refused(table: pd.DataFrame, names: Mapping[str, str], level: float) -> Axes:
-    """Corrected p values, a row a model and a column a statistic; refused ones are coloured.
+    """Corrected p values, a row per model and a column per statistic; refused ones are coloured.
 
     Parameters
     ----------

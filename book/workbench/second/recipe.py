@@ -199,7 +199,7 @@ def write_recording(shooting: Shooting, out: str | Path, progress: bool = True) 
 
 
 def instant(shooting: Shooting, frame: int) -> list[np.ndarray]:
-    """The frames of one instant, uint8, one a camera."""
+    """The frames of one instant, uint8, one per camera."""
     return [
         take(
             camera,

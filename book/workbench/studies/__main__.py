@@ -191,7 +191,7 @@ def _parser() -> argparse.ArgumentParser:
             command.add_argument("--kept", type=Path, default=kept, metavar="FOLDER", help=about)
         if study.workers:
             cores = os.cpu_count() or 1
-            about = "processes (one a core)"
+            about = "processes (one per core)"
             command.add_argument("--workers", type=int, default=cores, metavar="N", help=about)
         if name == "claims":
             about = "print the hash of each row of the protocol instead"

@@ -366,7 +366,7 @@ def forecast(k: int, seed: int) -> Draw:
     """A motion seen by CCD1: errors of position, speed and acceleration forecasted one frame ahead,
     against having no forecast.
     """
-    fine = 10  # steps a frame, for the true speed
+    fine = 10  # steps per frame, for the true speed
     rng = np.random.default_rng([seed, k])
     camera = load_rig("paper_pair").cameras[0]
     poses = smooth_motion(rng, 3.0, fine * FPS)

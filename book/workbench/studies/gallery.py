@@ -322,7 +322,7 @@ def command(name: str) -> str:
 
 
 def load(name: str) -> pd.DataFrame:
-    """A shipped table, a row a run: the parameters, then the results. ValueError for an unknown
+    """A shipped table, a row per run: the parameters, then the results. ValueError for an unknown
     name.
     """
     names = list(settings(name)[0])

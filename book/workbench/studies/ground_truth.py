@@ -45,7 +45,7 @@ class Instant(NamedTuple):
     frame : int
     t_s : float
     images : tuple of ndarray, shape (height, width)
-        Grey, one a camera.
+        Grey, one per camera.
     T_world_handle : RigidTransform or None
         None where there is no handle.
     seen : ndarray of bool, shape (cameras, markers)
@@ -107,7 +107,7 @@ def read_recording(
     frames : iterable of int, optional
         The instants to read, in this order; all by default.
     seconds : float
-        Length of the recording, at 30 frames a second.
+        Length of the recording, at 30 frames per second.
     every : int
         Rows and columns from one that is kept to the next; a divisor of the image's sides. The
         cameras of the rig that is returned have as many pixels.

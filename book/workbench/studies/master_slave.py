@@ -122,7 +122,7 @@ def run(
     """A hand's motion through a session; its clutch is closed at `STILL_S`, and the trial begins
     there.
 
-    The tracker gives `rate_hz` poses a second, each `age_s` after its exposure, with Gaussian noise
+    The tracker gives `rate_hz` poses per second, each `age_s` after its exposure, with Gaussian noise
     about each axis.
     """
     p = mapping or MappingParameters()

@@ -37,7 +37,7 @@ PARTICLES = MarkerParameters(
 
 
 class StereoPhotographs(NamedTuple):
-    """Pairs of photographs of a board: images of uint8, shape (height, width), one a view in `left`
+    """Pairs of photographs of a board: images of uint8, shape (height, width), one per view in `left`
     and `right`.
     """
 

@@ -1,4 +1,4 @@
-"""The paper's claims against what is computed here: one row a claim of ``data/claims.toml``.
+"""The paper's claims against what is computed here: one row per claim of ``data/claims.toml``.
 
 What is drawn comes from ``data/claims_results.csv``, which `claims` makes; the rest is computed at
 once.
@@ -79,7 +79,7 @@ def scoreboard(progress: bool = False) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        Columns `COLUMNS`, one row a claim; `ours` is NaN where nothing is computed. The verdict is
+        Columns `COLUMNS`, one row per claim; `ours` is NaN where nothing is computed. The verdict is
         then the declared one ("cannot be tested", "not tested yet"), or "not run" where it takes a
         recording that is not here.
 

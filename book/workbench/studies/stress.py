@@ -289,7 +289,7 @@ def judged(blocks: pd.DataFrame, name: str) -> dict[str, float]:
 
 
 def by_fault(table: pd.DataFrame, rig: str, estimator: str) -> pd.DataFrame:
-    """The shipped table for a reader: a row a fault, both handles together.
+    """The shipped table for a reader: a row per fault, both handles together.
 
     Parameters
     ----------

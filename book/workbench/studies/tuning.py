@@ -289,7 +289,7 @@ def found_centres(
 
 
 def drawn_poses(seed: int, seconds: float) -> tuple[Array, RigidTransform]:
-    """Times, s, at 30 instants a second, and poses of a person's motion, other than those of a
+    """Times, s, at 30 instants per second, and poses of a person's motion, other than those of a
     standard recording.
     """
     times = np.arange(round(as_number(seconds, "seconds", 0.1) * FPS)) / FPS
@@ -361,7 +361,7 @@ def model_nees(
 
 
 def handheld_poses(every: int = 3) -> tuple[Array, RigidTransform] | None:
-    """Times and poses of the recorded handheld motion, one of `every` of its 100 a second; None if
+    """Times and poses of the recorded handheld motion, one of `every` of its 100 per second; None if
     it is not here.
     """
     recorded = load_trajectories()

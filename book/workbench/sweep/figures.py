@@ -457,7 +457,7 @@ def _write_values(ax: Axes, means: Array, image: AxesImage) -> None:
 
 
 def _multiples(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Levels]) -> Figure:
-    """Heat maps over the first two parameters: a row a result, a column a setting of the others
+    """Heat maps over the first two parameters: a row per result, a column per setting of the others
     (some, if many).
     """
     first, others = levels[:2], levels[2:]

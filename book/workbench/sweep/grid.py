@@ -66,7 +66,7 @@ def parse(texts: Sequence[str]) -> list[Axis | Between]:
 
     Values are TOML literals, and nothing is evaluated; a text of letters may go without quotes.
     ``name=0.5:0.95``, an interval without a number of points, is for samples. The file has a column
-    a parameter, and a row a setting.
+    a parameter, and a row per setting.
 
     Raises
     ------
@@ -222,7 +222,7 @@ def _from_file(path: str) -> Axis:
         for k, cells in enumerate(table.itertuples(index=False, name=None), 1)
     ]
     if not rows:
-        raise ValueError(f"{path}: expected a row a run, got none")
+        raise ValueError(f"{path}: expected a row per run, got none")
     return Axis(tuple(table.columns), rows)
 
 

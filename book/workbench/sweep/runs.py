@@ -61,7 +61,7 @@ class Sweep(NamedTuple):
     names : list of str
         The parameters.
     settings : list of mapping
-        From parameters to values, one a run.
+        From parameters to values, one per run.
     made_from : mapping
         A hash for each thing that a result depends on; empty if nothing is kept.
     grid : mapping

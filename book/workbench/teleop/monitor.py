@@ -215,7 +215,7 @@ def monitor_picture(
     Parameters
     ----------
     images : sequence of array_like, shape (height, width), or None
-        Grey levels 0 to 255, one a camera; None for a camera without an image.
+        Grey levels 0 to 255, one per camera; None for a camera without an image.
     tracked : posetracker.Tracked or None
         The same instant's track; None where there is none.
     cameras : sequence of Camera
@@ -336,7 +336,9 @@ def _as_images(
         ("tracked", tracked.windows if tracked is not None else cameras),
     ):
         if len(one_each) != len(cameras):
-            raise ValueError(f"{name}: expected {len(cameras)}, one a camera, got {len(one_each)}")
+            raise ValueError(
+                f"{name}: expected {len(cameras)}, one per camera, got {len(one_each)}"
+            )
     return [
         None if image is None else as_image(image, f"images[{c}]", cameras[c].size, highest=255)
         for c, image in enumerate(images)

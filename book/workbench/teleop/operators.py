@@ -14,7 +14,7 @@ Two ways to do it are known, and each has its model.
     came of it; what is left is the next move (Sheridan and Ferrell 1963, DOI
     10.1109/THFE.1963.231283; Ferrell 1965, DOI 10.1109/THFE.1965.6591253).
 
-The machine is that of a session: a pose a frame, the One-Euro filter and the scale of `mapping`, and
+The machine is that of a session: a pose per frame, the One-Euro filter and the scale of `mapping`, and
 the limited reference of `control`, here along one line and for many trials at once. The servos of
 the simulated arm are left out: its tool is 1 ms behind its reference.
 """
@@ -266,7 +266,7 @@ def point(
     rng : numpy.random.Generator
     person : Person, optional
     pose_noise_mm : float
-        Standard deviation of the measured handle, mm a frame.
+        Standard deviation of the measured handle, mm per frame.
 
     Raises
     ------

@@ -3,7 +3,7 @@ paper).
 
 The tool is brought from rest onto a target of a width at a distance, and the operator says when it
 is there: the one-directional tapping test of ISO 9241-411:2012 (before: ISO 9241-9:2000), after
-Fitts 1954, DOI 10.1037/h0055392. A log has a row a trial, whoever the operator is, a person or a
+Fitts 1954, DOI 10.1037/h0055392. A log has a row per trial, whoever the operator is, a person or a
 model (`operators`), so that both are judged alike.
 
 A log is a CSV file with these columns:

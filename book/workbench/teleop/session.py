@@ -201,7 +201,7 @@ class Log:
         self._last = now
 
     def trajectory(self) -> pd.DataFrame:
-        """A row a tick: ``t_s``; each joint commanded (rad, rad/s) and measured (rad); the tool
+        """A row per tick: ``t_s``; each joint commanded (rad, rad/s) and measured (rad); the tool
         (mm, base), and the force on it (N).
         """
         columns = [

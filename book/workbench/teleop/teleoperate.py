@@ -117,7 +117,7 @@ def teleoperate(
     source : Source
         See `recorded` and `simulated`.
     out : path
-        A folder that is not there yet, or empty: for ``poses.csv``, ``joints.csv`` (a row a tick),
+        A folder that is not there yet, or empty: for ``poses.csv``, ``joints.csv`` (a row per tick),
         ``events.csv``, and ``monitor.webm`` (VP8).
     robot : str or path
         See `arm.load_robot`.

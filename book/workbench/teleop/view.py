@@ -232,7 +232,7 @@ class SlaveView:
     ------
     ValueError
         For anything but a model and a camera, a geom that is no simple shape (see `geom_scene`), an
-        image of more than `MOST_PX` pixels a side, a lens that needs a picture more than `WIDEST`
+        image of more than `MOST_PX` pixels per side, a lens that needs a picture more than `WIDEST`
         times as large, or a machine that cannot render.
     """
 
@@ -334,7 +334,7 @@ def _undistorted(camera: Camera) -> _Ideal:
     """The smallest ideal picture that holds all that the camera sees."""
     if max(camera.size) > MOST_PX:
         raise ValueError(
-            f"camera: expected an image of at most {MOST_PX} px a side, got {camera.size}"
+            f"camera: expected an image of at most {MOST_PX} px per side, got {camera.size}"
         )
     if not camera.distortions.any():
         return _Ideal(camera.size, camera.principal_point)

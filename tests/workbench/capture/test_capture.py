@@ -547,7 +547,7 @@ def test_the_cameras_are_listed(cameras, tmp_path, monkeypatch, capfd):
     cameras[1].frames, cameras[10] = -2, Closed()
     assert cli.main(["capture", "--list"]) == 0
     assert capfd.readouterr().out == (
-        "  0  A good one: 32 x 24 px, 30 frames a second\n"
+        "  0  A good one: 32 x 24 px, 30 frames per second\n"
         "  1  Another: delivers no image\n"
         " 10  camera: there is no none/video10\n"
     )

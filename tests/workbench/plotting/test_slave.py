@@ -276,7 +276,7 @@ BOX = '<geom type="box" size=".1 .1 .1"/>'
         (lambda: SlaveView(model_of(BOX), "camera"), "camera: expected a Camera, got str"),
         (
             lambda: SlaveView(model_of(BOX), camera_of((9000, 20), (700.0, 700.0), (320.0, 240.0))),
-            r"camera: expected an image of at most 8192 px a side, got \(9000, 20\)",
+            r"camera: expected an image of at most 8192 px per side, got \(9000, 20\)",
         ),
         (
             lambda: SlaveView(
@@ -377,7 +377,7 @@ def test_an_arm_is_drawn_through_the_origins_of_its_frames():
     assert [name for name in said if name in ("base", "tool")] == ["base", "tool"]
     assert [said.count(f"${letter}$") for letter in "xyz"] == [2, 2, 2]
     assert said.count("$z_{1}$") == 1
-    with pytest.raises(ValueError, match="names: expected 3, one a frame, got 2"):
+    with pytest.raises(ValueError, match="names: expected 3, one per frame, got 2"):
         plotting.plot_arm(frames, ["base", "tool"])
 
 

@@ -228,7 +228,7 @@ def test_a_film_of_the_monitor(tmp_path):
 @pytest.mark.parametrize(
     ("change", "line"),
     [
-        ({"images": IMAGES[:2]}, "images: expected 3, one a camera, got 2"),
+        ({"images": IMAGES[:2]}, "images: expected 3, one per camera, got 2"),
         (
             {"images": [IMAGES[0], IMAGES[1][:-1], None]},
             r"images\[1\]: expected 1280 x 1024 pixels",
@@ -237,7 +237,7 @@ def test_a_film_of_the_monitor(tmp_path):
             {"images": [None, None, 300.0 * np.ones((1024, 1280))]},
             r"images\[2\]: expected grey levels from 0 to 255",
         ),
-        ({"tracked": tracked(cameras=2)}, "tracked: expected 3, one a camera, got 2"),
+        ({"tracked": tracked(cameras=2)}, "tracked: expected 3, one per camera, got 2"),
         ({"cameras": (), "images": ()}, "cameras: expected one or more, got none"),
         ({"slave": np.zeros((20, 30), np.uint8)}, "slave: expected a picture of shape"),
         ({"slave": np.zeros((20, 30, 3))}, "slave: expected a picture of shape"),

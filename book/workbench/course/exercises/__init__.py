@@ -1,6 +1,6 @@
 """The exercises of the chapters, four and more a chapter.
 
-Those that are answered with values are in ``data/exercises``, a file a chapter. Those for which a
+Those that are answered with values are in ``data/exercises``, a file per chapter. Those for which a
 function is written have a module a chapter: the solution, the cases on which an answer is tried, and
 the usual mistakes as wrong functions, with the tuple `EXERCISES` at its end. Texts and hints stand in
 the chapters.

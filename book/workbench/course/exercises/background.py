@@ -106,7 +106,7 @@ def _gap_before_the_first(frames, times_s, first, memory_s):
 
 @background_after_exercise.mistake("3, The algorithm")
 def _whole_grey_levels(frames, times_s, first, memory_s):
-    """The background is cut down to whole grey levels. A slow rate moves it by less than one a
+    """The background is cut down to whole grey levels. A slow rate moves it by less than one per
     frame, so that it has to be of float numbers.
     """
     B = np.array(first)

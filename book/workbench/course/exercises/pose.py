@@ -435,7 +435,7 @@ def in_world(points, R, t):
     Parameters
     ----------
     points
-        (n, 3), a point a row, in the camera's frame, mm.
+        (n, 3), a point per row, in the camera's frame, mm.
     R, t
         (3, 3) and (3,): X_camera = R X_world + t, mm.
 

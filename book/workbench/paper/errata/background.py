@@ -48,7 +48,7 @@ def resting_handle() -> Effect:
 
     meaning = (
         f"time until a resting handle has gone into the background: grey {HANDLE:g} before {BACKGROUND:g}, "
-        f"alpha {UPDATE_RATE}, T {THRESHOLD:g}, {FRAME_RATE:g} frames a second"
+        f"alpha {UPDATE_RATE}, T {THRESHOLD:g}, {FRAME_RATE:g} frames per second"
     )
     return Effect("6", meaning, "s", _seconds_seen(printed), _seconds_seen(masked), at_least=60.0)
 

@@ -48,7 +48,7 @@ def late_observation() -> Effect:
     z = H @ state.mean
     return Effect(
         "8",
-        "distance between observation and expectation without noise, at 500 px/s and 30 frames a second",
+        "distance between observation and expectation without noise, at 500 px/s and 30 frames per second",
         "px",
         float(np.linalg.norm(z - H @ before)),
         float(np.linalg.norm(innovation(state, z, H, R).residual)),
