@@ -71,8 +71,10 @@ class Pose:
         The same from the errors that all instants share, those of rig and marker layout; zeros
         where both are exact.
 
-    Notes ----- `covariance` is the total uncertainty of a single pose. Poses near each other share
-    the systematic part, which cancels in their difference and does not average out over instants:
+    Notes
+    -----
+    `covariance` is the total uncertainty of a single pose. Poses near each other share the
+    systematic part, which cancels in their difference and does not average out over instants:
     differences and filters need `covariance_random`. For example, let x have a random standard
     uncertainty of 0.01 mm and a systematic one of 0.10 mm. That of one position is 0.1005 mm; that
     of the mean of a hundred instants of a handle at rest is 0.1000 mm, not 0.0101 mm; that of a
@@ -96,23 +98,13 @@ class Pose:
         return self.covariance_random + self.systematic
 
     @property
-    def covariance_systematic(self) -> Array:
-        """`systematic`."""
-        return self.systematic
-
-    @property
-    def whole_covariance(self) -> Array:
-        """`covariance`, by its former name."""
-        return self.covariance
-
-    @property
     def sigma_mm(self) -> float:
-        """Square root of the trace of the position's whole covariance."""
+        """Square root of the trace of the position's covariance."""
         return _spread(self.covariance)[0]
 
     @property
     def sigma_deg(self) -> float:
-        """Square root of the trace of the rotation vector's whole covariance."""
+        """Square root of the trace of the rotation vector's covariance."""
         return _spread(self.covariance)[1]
 
     @property

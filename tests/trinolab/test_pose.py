@@ -309,10 +309,8 @@ def test_the_covariance_is_the_whole_and_its_parts_have_names():
     new, common = np.diag([1e-4, 0, 0, 0, 0, 1e-6]), np.diag([1e-2, 0, 0, 0, 0, 1e-6])
     pose = Pose("measured", T_TRUE, new, 0.1, 4, 2, common)
     np.testing.assert_array_equal(pose.covariance, new + common)
-    np.testing.assert_array_equal(pose.whole_covariance, new + common)
     np.testing.assert_array_equal(pose.covariance_random, new)
     np.testing.assert_array_equal(pose.systematic, common)
-    np.testing.assert_array_equal(pose.covariance_systematic, common)
 
 
 def test_what_two_instants_share_is_no_error_of_their_difference():

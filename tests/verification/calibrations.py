@@ -24,7 +24,7 @@ from trinolab.camera import Rig, RigCovariance, displaced
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import predict_centroids
-from trinolab.estimators.pixels import MOST_WRONG
+from trinolab.estimators.fitted import MOST_WRONG
 from trinolab.estimators.reprojection import fit_pixels, response_of_pixels
 from trinolab.handle import Handle
 from trinolab.identity import choose, identify, labelled_pixels, relabel

@@ -13,10 +13,9 @@ from ..handle import Handle
 from ..parameters import Parameters
 from ..pose import LOST, Pose, fit_pose
 from ..rigid import apart, motion_between
-from .fitted import fitted
+from .fitted import fitted, measured_pose
 from .identified import Identified
 from .paper import pose_of_centroids
-from .pixels import judged
 
 APART_MM = 1.5  # a little less than what a measured pose may be off
 APART_RAD = np.deg2rad(4.0)  # likewise
@@ -34,7 +33,7 @@ def checked_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -
     if found is None:
         return pose_of_centroids(instant.uv, rig, handle, p.max_slant_deg, instant.near)
     fit, assessment = found
-    better = judged(fit, assessment)
+    better = measured_pose(fit, assessment)
     uv = instant.uv.copy()
     hidden = ~fit.shown
     uv[fit.views.camera[hidden], fit.views.marker[hidden]] = np.nan

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from scipy.spatial.transform import RigidTransform
 
 from ..camera import Rig
@@ -10,8 +11,11 @@ from ..parameters import Parameters
 from ..pose import LOST, Pose
 from ..uncertainty.assessment import Assessment, refitted
 from .identified import Identified
-from .pixels import Fit, fit_patches, judged
+from .pixels import Fit, fit_patches
 from .reprojection import fit_centroids
+
+# A pose is lost if it is a false one with a larger probability, see `uncertainty.Assessment.wrong`.
+MOST_WRONG = 0.25
 
 
 def fitted_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -> Pose:
@@ -19,7 +23,7 @@ def fitted_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) ->
     `reprojection.fit_centroids`).
     """
     found = fitted(instant, rig, handle, p)
-    return LOST if found is None else judged(*found)
+    return LOST if found is None else measured_pose(*found)
 
 
 def fitted(
@@ -34,3 +38,21 @@ def fitted(
         return fit(instant.images, near, handle, start, p.max_slant_deg)
 
     return refitted(fit_at, instant.T_world_handle, rig, handle, instant.near)
+
+
+def measured_pose(fit: Fit, assessment: Assessment) -> Pose:
+    """The pose of a fit with its assessed covariance; `pose.LOST` if too few views show a marker to
+    fix it, or it is likely to be a false one.
+    """
+    markers = len(np.unique(fit.views.marker[fit.shown]))
+    if fit.shown.sum() < 4 or markers < 3 or assessment.wrong > MOST_WRONG:
+        return LOST
+    return Pose(
+        "measured",
+        assessment.T_world_handle,
+        assessment.covariance_random,
+        fit.residual_px,
+        markers,
+        len(np.unique(fit.views.camera[fit.shown])),
+        assessment.systematic,
+    )

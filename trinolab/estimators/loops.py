@@ -106,7 +106,7 @@ def draw(x, y, R, start, by_u, by_v, marker, others, body, any_marker, layers):
     body : ndarray, shape (4,)
         Radius, top, bottom, and a marker's radius, mm.
     any_marker : bool
-        Whether the neighbours count as the marker does, and are nothing else that is in the way.
+        Whether the neighbours count as markers like this one, and not as obstacles.
     layers : ndarray, shape (LAYERS, p)
         Filled.
     """

@@ -19,10 +19,9 @@ from ..camera import Rig
 from ..checks import Array
 from ..datasets import load_handle, load_rig, load_table1
 from ..handle import Handle
-from ..pose import LOST, Pose
 from ..rigid import placed, rotation_matrix, rotation_of
 from ..sensitivity import Response, slopes_at
-from ..uncertainty.assessment import Assessment, LinearFit
+from ..uncertainty.assessment import LinearFit
 from ..uncertainty.centroids import pulled_alike
 from ..work import Work
 from .appearance import Views
@@ -60,9 +59,6 @@ CONVERGED_MOVING_PX = 0.3
 # A step is the last one if it is short, or the next one would be: each is shorter by the same share.
 CONVERGED_SIGMAS = 1.0
 NEXT_SIGMAS = 0.4
-
-# A pose is lost if it is a false one with a larger probability, see `uncertainty.Assessment.wrong`.
-MOST_WRONG = 0.25
 LARGEST_STEP = np.repeat([5.0, 0.3], 3)  # mm, rad; the image model holds within a few pixels
 BLUR_FLOOR = 0.001  # and this share of the way that it moves while the shutter is open
 
@@ -120,37 +116,42 @@ class Fit(NamedTuple):
     smear_px: float = np.nan
 
 
-class _Update(NamedTuple):
-    """A Gauss-Newton update of pose and blurs: the states before and after it, the
-    model after it, to first order, the windows' normal equations, and which windows have contrast.
-    `sigmas` is how far the pose moved, by its own standard deviation; `converged` whether the next step
-    would hardly move it.
+class _Step(NamedTuple):
+    """A Gauss-Newton step of pose and blurs.
+
+    Attributes
+    ----------
+    windows : Patches
+    before, after : State
+    step : ndarray
+        Of all unknowns.
+    sigmas : float
+        Length of the pose's step in its own standard deviations.
+    model : Linear
+        After the step, to first order.
+    normal : Reduced
+        The windows' normal equations.
+    contrast : ndarray of bool, shape (k,)
+        Whether a window shows anything like a marker.
+    weight : ndarray, shape (k,)
+        Of each window.
+    information : ndarray
+        On all unknowns, by these weights.
+    converged : bool
+        Whether the next step would hardly move the pose.
     """
 
-    step: Array
-    sigmas: float
+    windows: Patches
     before: State
     after: State
+    step: Array
+    sigmas: float
     model: Linear
     normal: Reduced
     contrast: np.ndarray
-    converged: bool = True
-
-
-class _Step(NamedTuple):
-    """The last Gauss-Newton step: of pose and blurs, its information, its windows with their model
-    after it, their normal equations and how much each counts, how far it moved the pose, by its
-    standard deviation, and whether the next one would hardly move it.
-    """
-
-    step: Array
-    information: Array
-    patches: Patches
-    model: Linear
-    normal: Reduced
     weight: Array
-    sigmas: float
-    converged: bool
+    information: Array
+    converged: bool = True
 
 
 def fit_patches(
@@ -197,10 +198,8 @@ def fit_patches(
         rounds = (COARSE, FINE) if is_far else (FINE,)
         return _moving_fit(images, rig, handle, start, max_slant_deg, motion_blur, rounds, work)
     windows = patches(images, rig, handle, start, max_slant_deg)
-    update = _fitted(first_state(start, rig), windows, rig, handle, MOST_STEPS, work)
-    if update is None:
-        return None
-    return _fit_of(_concluded(update, windows, rig), update.after, rig, handle, smear_above)
+    last = _fitted(first_state(start, rig), windows, rig, handle, MOST_STEPS, work)
+    return None if last is None else _fit_of(last, rig, handle, smear_above)
 
 
 @cache
@@ -231,19 +230,17 @@ def _moving_fit(
     expected, covariance = motion_blur
     blur = MotionBlur(expected, expected, inverse(covariance))
     state = first_state(start, rig, blur)
-    *first, last = rounds
-    for most in first:
+    *coarser, finest = rounds
+    for most in coarser:
         windows = _moving_windows(images, state, max_slant_deg, rig, handle, most)
-        update = _stepped(state, windows, rig, handle, most.steps, work)
-        if update is None:
+        step = _stepped(state, windows, rig, handle, most.steps, work)
+        if step is None:
             return None
         # greys are those of other windows
-        state = update.after._replace(greys=None)
-    windows = _moving_windows(images, state, max_slant_deg, rig, handle, last)
-    update = _fitted(state, windows, rig, handle, last.steps, work)
-    if update is None:
-        return None
-    return _fit_of(_concluded(update, windows, rig), update.after, rig, handle)
+        state = step.after._replace(greys=None)
+    windows = _moving_windows(images, state, max_slant_deg, rig, handle, finest)
+    step = _fitted(state, windows, rig, handle, finest.steps, work)
+    return None if step is None else _fit_of(step, rig, handle)
 
 
 def _moving_windows(
@@ -263,22 +260,22 @@ def _moving_windows(
 
 def _fitted(
     state: State, windows: Patches, rig: Rig, handle: Handle, most_steps: int, work: Work
-) -> _Update | None:
-    """As `_stepped`, once more with gloss where the windows show it and the work is left."""
-    update = _stepped(state, windows, rig, handle, most_steps, work)
-    if update is None:
+) -> _Step | None:
+    """As `_stepped`, once more with gloss where the windows show it and enough work remains."""
+    last = _stepped(state, windows, rig, handle, most_steps, work)
+    if last is None:
         return None
     least_gain = LEAST_GAIN
     if state.motion_blur is not None:
         smear_px = _longest_way_px(windows, state.motion_blur.motion)
-        # what is left of a long step or a long smear looks like gloss
-        if not update.converged or smear_px > SMEARED_PX:
-            return update
+        # the residuals of a long step or a long smear look like gloss
+        if not last.converged or smear_px > SMEARED_PX:
+            return last
         least_gain = LEAST_GAIN_MOVING
     has_work = work.remaining >= 2 * _units(state, windows)
-    if not has_work or not shows_gloss(update.model, handle, least_gain):
-        return update
-    return _stepped(with_gloss(update.after), windows, rig, handle, most_steps, work)
+    if not has_work or not shows_gloss(last.model, handle, least_gain):
+        return last
+    return _stepped(with_gloss(last.after), windows, rig, handle, most_steps, work)
 
 
 def _units(state: State, windows: Patches) -> float:
@@ -288,50 +285,46 @@ def _units(state: State, windows: Patches) -> float:
 
 def _stepped(
     state: State, windows: Patches, rig: Rig, handle: Handle, most_steps: int, work: Work
-) -> _Update | None:
-    """The last of so many steps, or of as many as are worth it and the work is left for; None if
-    that is none, too little is in view, or the steps lead away.
+) -> _Step | None:
+    """The last of at most so many steps, while the pose moves and work remains; None if there is
+    none, too little is in view, or the steps lead away.
     """
     if len(np.unique(windows.views.marker)) < 3:
         return None
-    update = None
+    last = None
     converged = False
     for _ in range(most_steps):
         if converged or not work.takes(_units(state, windows)):
             break
-        before = update
-        update = _updated(state if before is None else before.after, windows, rig, handle)
+        before = last
+        last = _step_from(state if before is None else before.after, windows, rig, handle)
         # a step that is too long, or not a number, leads away
-        if not np.abs(update.step[:6] / LARGEST_STEP).max() < 1:
+        if not np.abs(last.step[:6] / LARGEST_STEP).max() < 1:
             return None
-        converged = before is not None and _has_converged(update, before, windows, handle)
-    return update and update._replace(converged=converged)
+        converged = before is not None and _has_converged(last, before, handle)
+    return last and last._replace(converged=converged)
 
 
-def _has_converged(update: _Update, last: _Update, about_markers: Patches, handle: Handle) -> bool:
-    """Whether the step after this one, which followed the `last`, would hardly move the pose."""
-    arms = handle.marker_centres[about_markers.views.marker]
-    ways_mm = np.linalg.norm(update.step[:3] + np.cross(update.step[3:6], arms), axis=1)
-    moved_px = float((ways_mm * about_markers.px_per_mm).max())
-    if update.before.motion_blur is None:
+def _has_converged(last: _Step, before: _Step, handle: Handle) -> bool:
+    """Whether the step after the `last` one, which followed `before`, would hardly move the pose."""
+    windows = last.windows
+    arms = handle.marker_centres[windows.views.marker]
+    ways_mm = np.linalg.norm(last.step[:3] + np.cross(last.step[3:6], arms), axis=1)
+    moved_px = float((ways_mm * windows.px_per_mm).max())
+    if last.before.motion_blur is None:
         return moved_px < CONVERGED_PX
-    is_short = update.sigmas < CONVERGED_SIGMAS or update.sigmas**2 < NEXT_SIGMAS * last.sigmas
+    is_short = last.sigmas < CONVERGED_SIGMAS or last.sigmas**2 < NEXT_SIGMAS * before.sigmas
     return moved_px < CONVERGED_MOVING_PX and is_short
 
 
-def _fit_of(
-    last: _Step,
-    after: State,
-    rig: Rig,
-    handle: Handle,
-    smear_above: float = np.inf,
-) -> Fit | None:
+def _fit_of(last: _Step, rig: Rig, handle: Handle, smear_above: float = np.inf) -> Fit | None:
     """The pose of the last step with its covariance, and which views show a marker; None if none does."""
+    last = _weighed_again(last, rig)
+    after = last.after
     T = after.T_world_handle
-    motion = None if after.motion_blur is None else after.motion_blur.motion
-    windows = last.patches
+    windows = last.windows
     visible = marker_is_shown(last.model, handle)
-    # the weights are older than the step
+    # the contrast is older than the step
     used = visible & (last.weight > 0)
     if not used.any():
         return None
@@ -355,12 +348,13 @@ def _fit_of(
         explained[used].reshape(int(rows.sum()), explained.shape[2]),
     )
     residuals_px = _remaining_shift_mm(last, rig) * windows.px_per_mm
-    fit = judged_fit(linear, windows.views, last.model, visible, residuals_px)
-    if motion is not None:
-        fit = fit._replace(smear_px=_longest_way_px(windows, motion))
-    elif np.median(fit.misfit[visible]) >= smear_above:
-        fit = fit._replace(smear_px=_smear_px(last, rig))
-    return fit
+    smear_px = np.nan
+    if after.motion_blur is not None:
+        smear_px = _longest_way_px(windows, after.motion_blur.motion)
+    elif spread >= smear_above:
+        smear_px = _smear_px(last, rig)
+    fit = fit_from(linear, windows.views, last.model, visible, residuals_px)
+    return fit._replace(smear_px=smear_px)
 
 
 def _pulls(
@@ -371,7 +365,7 @@ def _pulls(
     """
     more = np.maximum(misfit(last.model) - 1, 0.0)
     more_px2 = more[:, None, None] * np.linalg.inv(information)
-    return pulled_alike(*last.patches.views, more_px2, T_world_handle, rig, handle)
+    return pulled_alike(*last.windows.views, more_px2, T_world_handle, rig, handle)
 
 
 def _longest_way_px(windows: Patches, motion: Array) -> float:
@@ -384,10 +378,10 @@ def _smear_px(last: _Step, rig: Rig) -> float:
 
     To second order a smear of length w along a direction adds w^2/12 to the blur's variance there:
     a round blur of w^2/24, and w^2/24 by which it is longer than wide. The latter, upright and along
-    the diagonals, is two more unknowns a camera in the last step; the former is in the blur that
+    the diagonals, is two more unknowns per camera in the last step; the former is in the blur that
     each fit determines.
     """
-    windows, model, weight = last.patches, last.model, last.weight
+    windows, model, weight = last.windows, last.model, last.weight
     camera = windows.views.camera
     # in rows that a still handle leaves free
     model.rows[:, EXPOSURE : EXPOSURE + 2] = longer_than_wide(model.predicted, windows.at)
@@ -407,7 +401,7 @@ def _response(last: _Step, motions: Array, rig: Rig, T: RigidTransform) -> Respo
     """Derivative of the pose by shifts of its windows: a shift is the motion of the handle that
     moves the window alike, see `_motions`.
     """
-    windows = last.patches
+    windows = last.windows
     spread = inverse(last.information)[:6]
     by_motion = last.weight[:, None, None] * (last.normal.information[:, :, :3] @ motions)
     by_common = spread[:, : by_motion.shape[1] - 1]
@@ -424,7 +418,7 @@ def _response(last: _Step, motions: Array, rig: Rig, T: RigidTransform) -> Respo
 
 def _shifts(last: _Step, motions: Array, information: Array, rig: Rig) -> Array:
     """Shifts of the windows that their remaining gradients imply after the last step, (k, 2), px."""
-    own = _own(last.step, last.patches.views.camera, rig)
+    own = _own(last.step, last.windows.views.camera, rig)
     gradient = motions.mT @ _remaining_gradient(last.normal, own)[..., None]
     return np.asarray(np.linalg.solve(information, gradient)[..., 0])
 
@@ -447,7 +441,7 @@ def _explained(last: _Step, motions: Array, information: Array, rig: Rig) -> Arr
 
     A window knows more than its shift: its answer is that of its own least squares.
     """
-    camera = last.patches.views.camera
+    camera = last.windows.views.camera
     sensitivity = np.linalg.solve(information, motions.mT @ last.normal.information[:, :3])
     mine = (camera[:, None] == np.arange(len(rig.cameras)))[:, None]
     return np.concatenate([sensitivity[:, :, :-1], sensitivity[:, :, -1:] * mine], axis=2)
@@ -466,7 +460,7 @@ def _motions(windows: Patches, rig: Rig, T: RigidTransform) -> Array:
     return np.linalg.pinv(by_points @ T.as_matrix()[:3, :3])
 
 
-def _updated(state: State, windows: Patches, rig: Rig, handle: Handle) -> _Update:
+def _step_from(state: State, windows: Patches, rig: Rig, handle: Handle) -> _Step:
     """One step of pose, blurs, noise and greys."""
     T = state.T_world_handle
     model_of = linearise if state.motion_blur is None else linearise_moving
@@ -488,25 +482,14 @@ def _updated(state: State, windows: Patches, rig: Rig, handle: Handle) -> _Updat
     noise = noise_of(model, windows.at.pixels, contrast)
     blur = limited(state.blur_px2, step[-len(rig.cameras) :])
     after = State(T, model.greys, blur, noise, motion_blur)
-    return _Update(step, sigmas, state, after, model, normal, contrast)
+    return _Step(windows, state, after, step, sigmas, model, normal, contrast, weight, information)
 
 
-def _concluded(update: _Update, windows: Patches, rig: Rig) -> _Step:
-    """The last step with what it says of the pose: its windows are weighed again, since misfits may
-    be gone.
-    """
-    weight = _weights(windows, update.model, update.normal, update.before) * update.contrast
-    information, _ = _normal_equations(update.normal, weight, windows, update.before, rig)
-    return _Step(
-        update.step,
-        information,
-        windows,
-        update.model,
-        update.normal,
-        weight,
-        update.sigmas,
-        update.converged,
-    )
+def _weighed_again(last: _Step, rig: Rig) -> _Step:
+    """The step with weights by its misfits, which may be smaller than those before it."""
+    weight = _weights(last.windows, last.model, last.normal, last.before) * last.contrast
+    information, _ = _normal_equations(last.normal, weight, last.windows, last.before, rig)
+    return last._replace(weight=weight, information=information)
 
 
 def _weights(windows: Patches, model: Linear, normal: Reduced, state: State) -> Array:
@@ -544,7 +527,7 @@ def _expect(
     gradient[6:12] += turn.T @ motion_blur.information @ (motion_blur.expected - motion_blur.motion)
 
 
-def judged_fit(
+def fit_from(
     linear: LinearFit, views: Views, at: Linear, shown: np.ndarray, residuals_px: Array
 ) -> Fit:
     """A fit with the rms of the residuals (k,) over the views that show a marker."""
@@ -579,22 +562,22 @@ def _remaining_shift_mm(last: _Step, rig: Rig) -> Array:
     (k,).
     """
     along = np.linalg.pinv(last.normal.information[:, :3, :3], rcond=1e-2, hermitian=True)
-    gradient = _remaining_gradient(last.normal, _own(last.step, last.patches.views.camera, rig))
+    gradient = _remaining_gradient(last.normal, _own(last.step, last.windows.views.camera, rig))
     return np.asarray(np.linalg.norm((along @ gradient[..., None])[..., 0], axis=1))
 
 
-def _assembled(normal: Reduced, trust: Array, camera: np.ndarray, rig: Rig) -> tuple[Array, Array]:
+def _assembled(normal: Reduced, weight: Array, camera: np.ndarray, rig: Rig) -> tuple[Array, Array]:
     """Normal equations of the pose (6), any motion blur (6) and the cameras' blurs from those of
     the windows.
     """
-    own = (camera == np.arange(len(rig.cameras))[:, None]) * trust  # (cameras, k)
+    own = (camera == np.arange(len(rig.cameras))[:, None]) * weight  # (cameras, k)
     common = normal.gradient.shape[1] - 1
     total = np.zeros((common + len(own), common + len(own)))
-    total[:common, :common] = np.tensordot(trust, normal.information[:, :-1, :-1], 1)
+    total[:common, :common] = np.tensordot(weight, normal.information[:, :-1, :-1], 1)
     total[common:, :common] = own @ normal.information[:, -1, :-1]
     total[:common, common:] = total[common:, :common].T
     total[common:, common:] = np.diag(own @ normal.information[:, -1, -1])
-    return total, np.concatenate([trust @ normal.gradient[:, :-1], own @ normal.gradient[:, -1]])
+    return total, np.concatenate([weight @ normal.gradient[:, :-1], own @ normal.gradient[:, -1]])
 
 
 def in_world(covariance: Array, T_world_handle: RigidTransform) -> Array:
@@ -610,21 +593,3 @@ def both_in_world(T_world_handle: RigidTransform) -> Array:
     turn = np.zeros((6, 6))
     turn[:3, :3] = turn[3:, 3:] = rotation_of(T_world_handle)
     return turn
-
-
-def judged(fit: Fit, found: Assessment) -> Pose:
-    """A measured pose if enough views show what it predicts and fix it, and it is hardly a false one;
-    else `pose.LOST`.
-    """
-    markers = len(np.unique(fit.views.marker[fit.shown]))
-    if fit.shown.sum() < 4 or markers < 3 or found.wrong > MOST_WRONG:
-        return LOST
-    return Pose(
-        "measured",
-        found.T_world_handle,
-        found.covariance_random,
-        fit.residual_px,
-        markers,
-        len(np.unique(fit.views.camera[fit.shown])),
-        found.systematic,
-    )

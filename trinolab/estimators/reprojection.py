@@ -26,8 +26,8 @@ from .pixels import (
     MOST_STEPS,
     Fit,
     both_in_world,
+    fit_from,
     in_world,
-    judged_fit,
     moved,
 )
 
@@ -98,7 +98,7 @@ def fit_centroids(
         by_motion[used].reshape(-1, 6),
     )
     residuals_px = np.linalg.norm(residual, axis=1)
-    return judged_fit(linear, windows.views, registered.at, visible, residuals_px)
+    return fit_from(linear, windows.views, registered.at, visible, residuals_px)
 
 
 def fit_pixels(

@@ -1,5 +1,5 @@
-"""Images that are read: as grey images, whatever they were. What cannot be read is a ValueError
-that names the file.
+"""Images read as grey images, whatever they were. A file that cannot be read raises a ValueError
+that names it.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""Tables that are read: TOML, JSON and CSV. What cannot be read is a ValueError that names the file,
-and so is what is larger than `limits` says.
+"""Tables in TOML, JSON and CSV. A file that cannot be read, or exceeds `limits`, raises a
+ValueError that names it.
 """
 
 from __future__ import annotations

@@ -23,8 +23,9 @@ from ..checks import Array, frozen
 from ..datasets import load_handle, load_rig, load_table1
 from ..default_covariance import known_covariance
 from ..estimators import estimate
+from ..estimators.fitted import measured_pose
 from ..estimators.identified import Identified
-from ..estimators.pixels import Fit, fit_patches, judged
+from ..estimators.pixels import Fit, fit_patches
 from ..estimators.pixels import prepare as prepare_fit
 from ..handle import Handle
 from ..identity import labelled_pixels
@@ -333,10 +334,10 @@ def _assessed(
         return followed
     state = followed.rig
     rig, handle, p = setup
-    fit, found, near = assessed(fit, fit_at, rig, handle, state.near, state.earlier)
-    pose = _judged(fit, found, rig, p)
-    if pose is not LOST and found.information is not None:
-        earlier = found.information
+    fit, assessment, near = assessed(fit, fit_at, rig, handle, state.near, state.earlier)
+    pose = _precise_pose(fit, assessment, rig, p)
+    if pose is not LOST and assessment.information is not None:
+        earlier = assessment.information
         if state.earlier is not None:
             earlier = state.earlier.then(earlier)
         state = RigState(near, earlier)
@@ -465,9 +466,9 @@ def _still(fit: Fit | None, p: FollowParameters) -> bool:
     return bool(noise or fit.smear_px < p.blurred_px)
 
 
-def _judged(fit: Fit, found: Assessment, rig: Rig, p: FollowParameters) -> Pose:
-    """The image model's pose, if in some cameras most of what it predicts is there, and the windows
-    agree on it.
+def _precise_pose(fit: Fit, assessment: Assessment, rig: Rig, p: FollowParameters) -> Pose:
+    """The pose of a fit, if the windows agree on it and fix it; `LOST` otherwise. Cameras that lack
+    most of the expected markers do not count.
     """
     cameras = fit.views.camera
     share = np.array(
@@ -476,7 +477,8 @@ def _judged(fit: Fit, found: Assessment, rig: Rig, p: FollowParameters) -> Pose:
             for c in range(len(rig.cameras))
         ]
     )
-    pose = judged(fit._replace(shown=fit.shown & (share > p.min_shown_share)[cameras]), found)
+    shown = fit.shown & (share > p.min_shown_share)[cameras]
+    pose = measured_pose(fit._replace(shown=shown), assessment)
     return pose if _is_precise(pose, p) and pose.residual_px < p.max_fit_residual_px else LOST
 
 

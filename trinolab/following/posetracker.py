@@ -1,10 +1,9 @@
 """The handle followed through a sequence by a filter on its pose: look where it is expected, else
 everywhere.
 
-The paper's windows follow the moving region of each image (`tracker.step`). Here they are the
-projections of one predicted pose, so that a camera that is covered for a while, or sees a hand
-move, still has the right window. No background is needed: only a blob at the place of a marker
-counts as one.
+The paper's windows follow what moves in each image (`tracker.step`); here they are the projections
+of one predicted pose, so that a camera that is covered for a while, or sees a hand move, knows
+where to look all the same. No background is needed: what is no marker in its place is no marker.
 """
 
 from __future__ import annotations
@@ -74,7 +73,7 @@ class TrackState(NamedTuple):
     blurred : bool
         Whether the last measured markers were smeared by the handle's motion.
     cursor : int
-        Where a search of the whole images that was cut short resumes, see `identity.search.search`.
+        Where the search of the whole images goes on that was cut short, see `identity.search.search`.
     """
 
     t_s: float
@@ -432,9 +431,3 @@ def _reported(tracked: Tracked, unambiguous: bool, handle: Handle) -> Tracked:
     near = tracked.labels and tuple(relabel(row, handle, symmetry) for row in tracked.labels)
     pose = replace(pose, status=status, T_world_handle=alike[k])
     return tracked._replace(measurement=replace(m, pose=pose, labels=labels), labels=near)
-
-
-def searched(tracked: Tracked, rig: Rig) -> float:
-    """Share of the images' pixels that were searched."""
-    area = sum(window.area for window in tracked.windows if window is not None)
-    return area / sum(camera.size[0] * camera.size[1] for camera in rig.cameras)

@@ -132,7 +132,7 @@ def ellipsoid(pose: Pose) -> list[float] | None:
     """The matrix (3, 3), row by row, mm, by which the unit sphere becomes the ellipsoid about the
     position that holds 95 %; None where no covariance is known.
     """
-    covariance = pose.whole_covariance[:3, :3]
+    covariance = pose.covariance[:3, :3]
     if not np.isfinite(covariance).all():
         return None
     variances, axes = np.linalg.eigh(covariance)

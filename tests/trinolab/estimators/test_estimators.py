@@ -15,7 +15,8 @@ from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.estimators import Identified, estimate
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import centre_pixels, predict_centroids
-from trinolab.estimators.pixels import fit_patches, judged
+from trinolab.estimators.fitted import measured_pose
+from trinolab.estimators.pixels import fit_patches
 from trinolab.estimators.reprojection import fit_centroids, fit_pixels
 from trinolab.handle import facing_pixels, slants
 from trinolab.measurement import measure
@@ -253,11 +254,11 @@ def test_a_pose_that_may_well_be_a_false_one_is_lost():
     rig, images = small_pair()
     fit = fit_patches(images, rig, HANDLE, POSES[5])
     found = assess(fit.linear, rig, HANDLE)
-    assert judged(fit, found).status == "measured"
+    assert measured_pose(fit, found).status == "measured"
     # one in three is further off than 2 mm, or than 5 deg
     for sigma in (np.eye(6)[0] * 2 / 0.967, np.eye(6)[4] * np.deg2rad(5) / 0.967):
         unsure = found._replace(systematic=np.diag(sigma**2), covariance_random=1e-12 * np.eye(6))
-        assert judged(fit, unsure) is LOST
+        assert measured_pose(fit, unsure) is LOST
 
 
 def without_light(rig):

@@ -120,9 +120,9 @@ def test_nees_of_drawn_centroids(rig, noise_px, light):
         T = POSE * RigidTransform.from_rotation(Rotation.from_rotvec([0.0, 0.08 * k, 0.0]))
         uv = drawn_centroids(rig, CODED, T, noise_px, rng, light)
         pose = pose_of_centroids(uv, rig, CODED)
-        values.append(nees(pose.T_world_handle, pose.whole_covariance, T)[0])
+        values.append(nees(pose.T_world_handle, pose.covariance, T)[0])
         pose = fit_pose(uv, rig, CODED, sigma_px=noise_px)
-        of_noise.append(nees(pose.T_world_handle, pose.whole_covariance, T)[0])
+        of_noise.append(nees(pose.T_world_handle, pose.covariance, T)[0])
     assert 4.0 < np.mean(values) < 8.0  # 240 draws know it to 0.3
     assert np.mean(of_noise) > 3 * np.mean(values)
 
@@ -191,6 +191,6 @@ def test_nees_on_images():
         images = render_rig(RAISED, PAPER, T, Bench(), np.random.default_rng(k))
         pose = measure(images, RAISED, PAPER, T, Parameters(estimator="paper")).pose
         true = nearest_equivalent(T, pose.T_world_handle, PAPER.symmetries)[0]
-        values.append(nees(pose.T_world_handle, pose.whole_covariance, true)[0])
+        values.append(nees(pose.T_world_handle, pose.covariance, true)[0])
     # of seven: 6 by sqrt(12 / 7) = 1.3; 0.1 px of noise for each marker alone gives 40
     assert 2.5 < np.mean(values) < 9.5
