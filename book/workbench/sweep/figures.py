@@ -60,7 +60,7 @@ class Levels(NamedTuple):
 
 
 def plot_sweep(
-    found: pd.DataFrame,
+    table: pd.DataFrame,
     results: Sequence[str] | None = None,
     parameters: Sequence[str] | None = None,
 ) -> Figure:
@@ -74,67 +74,67 @@ def plot_sweep(
 
     Parameters
     ----------
-    found : pandas.DataFrame
+    table : pandas.DataFrame
         As `runs.sweep` or `sweep.read_sweep` gives it.
     results : sequence of str, optional
-        The columns to show; without it the verdicts in ``found.attrs``, the errors of Eq. 26 and
+        The columns to show; without it the verdicts in ``table.attrs``, the errors of Eq. 26 and
         27, and what changes with more than the seed, what changed most first, as many as there is
         room.
     parameters : sequence of str, optional
-        The columns that were swept, where ``found.attrs`` does not say it.
+        The columns that were swept, where ``table.attrs`` does not say it.
 
     Raises
     ------
     ValueError
         For a column that is not there, or is no number.
     """
-    names = list(parameters if parameters is not None else found.attrs.get("parameters", []))
-    every = results_of(found, names, results)
-    levels = varied(found, names)
+    names = list(parameters if parameters is not None else table.attrs.get("parameters", []))
+    every = results_of(table, names, results)
+    levels = varied(table, names)
     several = len(levels) > 2 or (len(levels) == 2 and not is_grid(levels))
     alike = dict[str, list[str]]()
     words = list[str]()
     if results is None:
-        every, alike = _told_apart(found, every)
-        words = [] if several else _verdicts_in_words(found)
+        every, alike = _without_duplicates(table, every)
+        words = [] if several else _verdicts_in_words(table)
     rows_shown = every
     if several or results is None:
         most = MOST_ROWS if several else MOST_PANELS - len(words)
         rows_shown = [*words, *_with_errors(every, most)]
     if not rows_shown:
-        return _said("no result is a number", found)
+        return _text_only("no result is a number", table)
     if len(levels) > 1 and not is_grid(levels):
-        figure = _scattered(found, rows_shown, levels)
+        figure = _scattered(table, rows_shown, levels)
     elif len(levels) > 2:
-        figure = _multiples(found, rows_shown, levels)
+        figure = _multiples(table, rows_shown, levels)
     else:
         figure, axes = _panels(len(rows_shown))
         for ax, name in zip(axes, rows_shown, strict=True):
             if name in words:
-                _word_map(ax, found[name], levels or [_runs(found)], name)
+                _word_map(ax, table[name], levels or [_runs(table)], name)
             else:
-                _draw_result(ax, found, name, levels or [_runs(found)])
+                _draw_result(ax, table, name, levels or [_runs(table)])
             _name_alike(ax, alike.get(name, []))
-    _name_what_is_missing(figure, found, len(every) + len(words) - len(rows_shown))
+    _name_what_is_missing(figure, table, len(every) + len(words) - len(rows_shown))
     return figure
 
 
-def _draw_result(ax: Axes, found: pd.DataFrame, name: str, levels: Sequence[Levels]) -> None:
+def _draw_result(ax: Axes, table: pd.DataFrame, name: str, levels: Sequence[Levels]) -> None:
     """A result as a curve over one parameter, or as a map over two."""
-    counted = counts_of(found, name, levels)
+    counted = counts_of(table, name, levels)
     if len(levels) == 1:
-        draw_curve(ax, found[name].to_numpy(float), levels[0], name, counted)
+        draw_curve(ax, table[name].to_numpy(float), levels[0], name, counted)
     else:
-        _heat_map(ax, found[name].to_numpy(float), levels, name)
+        _heat_map(ax, table[name].to_numpy(float), levels, name)
         _describe_map(ax, name, len(levels[1].values), counted)
 
 
-def _verdicts_in_words(found: pd.DataFrame) -> list[str]:
+def _verdicts_in_words(table: pd.DataFrame) -> list[str]:
     """The verdicts of a table that are words."""
     return [
         name
-        for name in found.attrs.get("verdicts", [])
-        if name in found and found[name].map(lambda value: isinstance(value, str)).any()
+        for name in table.attrs.get("verdicts", [])
+        if name in table and table[name].map(lambda value: isinstance(value, str)).any()
     ]
 
 
@@ -146,10 +146,10 @@ def _word_map(ax: Axes, column: pd.Series, levels: Sequence[Levels], name: str) 
     rows = len(levels[1].values) if len(levels) > 1 else 1
     words = list(dict.fromkeys(word for word in column if isinstance(word, str)))
     given = column.groupby(_flat(levels)).agg(lambda part: list(part.dropna().unique()))
-    for place, found_here in given.items():
+    for place, words_here in given.items():
         i, j = divmod(int(place), rows)
-        colour = COLOURS[words.index(found_here[0]) % len(COLOURS)] if found_here else "white"
-        hatch = "//" if len(found_here) > 1 else None
+        colour = COLOURS[words.index(words_here[0]) % len(COLOURS)] if words_here else "white"
+        hatch = "//" if len(words_here) > 1 else None
         ax.add_patch(
             Rectangle((i - 0.5, j - 0.5), 1, 1, facecolor=colour, edgecolor="white", hatch=hatch)
         )
@@ -166,8 +166,8 @@ def _word_map(ax: Axes, column: pd.Series, levels: Sequence[Levels], name: str) 
         ax.set(yticks=[], ylabel=name)
 
 
-def _told_apart(
-    found: pd.DataFrame, names: Sequence[str]
+def _without_duplicates(
+    table: pd.DataFrame, names: Sequence[str]
 ) -> tuple[list[str], dict[str, list[str]]]:
     """The results without those that are the same as an earlier one in each run, and of each that
     stays the names of these.
@@ -175,7 +175,7 @@ def _told_apart(
     alike = dict[str, list[str]]()
     for name in names:
         same = [
-            other for other in alike if found[name].equals(found[other].astype(found[name].dtype))
+            other for other in alike if table[name].equals(table[other].astype(table[name].dtype))
         ]
         if same:
             alike[same[0]].append(name)
@@ -210,16 +210,16 @@ def as_png(figure: Figure) -> bytes:
 
 
 def results_of(
-    found: pd.DataFrame, parameters: Sequence[str], wanted: Sequence[str] | None = None
+    table: pd.DataFrame, parameters: Sequence[str], wanted: Sequence[str] | None = None
 ) -> list[str]:
     """The columns to show, in their order; errors as for `plot_sweep`."""
-    if missing := [name for name in (*parameters, *(wanted or ())) if name not in found]:
-        raise ValueError(f"{missing[0]}: no such column; there are {', '.join(found.columns)}")
-    others = [name for name in found if name not in (*parameters, *NOT_RESULTS)]
+    if missing := [name for name in (*parameters, *(wanted or ())) if name not in table]:
+        raise ValueError(f"{missing[0]}: no such column; there are {', '.join(table.columns)}")
+    others = [name for name in table if name not in (*parameters, *NOT_RESULTS)]
     numeric = [
         name
         for name in others
-        if pd.api.types.is_numeric_dtype(found[name]) and found[name].notna().any()
+        if pd.api.types.is_numeric_dtype(table[name]) and table[name].notna().any()
     ]
     if wanted is not None:
         if wrong := [name for name in wanted if name not in numeric]:
@@ -227,24 +227,24 @@ def results_of(
                 f"{wrong[0]}: no result that is a number; there are {', '.join(numeric) or 'none'}"
             )
         return list(wanted)
-    levels = varied(found, parameters)
+    levels = varied(table, parameters)
     means = (
-        found[numeric].groupby(_flat(levels)).mean()
+        table[numeric].groupby(_flat(levels)).mean()
         if levels and is_grid(levels)
-        else found[numeric]
+        else table[numeric]
     )
-    swept = [found[name].tolist() for name in parameters]
+    swept = [table[name].tolist() for name in parameters]
     changing = [
-        name for name in numeric if (found if name.startswith("E_") else means)[name].nunique() > 1
+        name for name in numeric if (table if name.startswith("E_") else means)[name].nunique() > 1
     ] or numeric
     repeats = (
-        found[changing].groupby(_flat(levels)).agg(np.ptp).mean()
+        table[changing].groupby(_flat(levels)).agg(np.ptp).mean()
         if levels and is_grid(levels)
         else pd.Series(0.0, changing)
     )
     change = {name: _change(means[name], float(repeats[name])) for name in changing}
-    ordered = sorted(changing, key=lambda name: (found[name].tolist() in swept, -change[name]))
-    verdicts = [name for name in found.attrs.get("verdicts", []) if name in numeric]
+    ordered = sorted(changing, key=lambda name: (table[name].tolist() in swept, -change[name]))
+    verdicts = [name for name in table.attrs.get("verdicts", []) if name in numeric]
     return [*verdicts, *(name for name in ordered if name not in verdicts)]
 
 
@@ -254,9 +254,9 @@ def _change(means: pd.Series, repeats: float) -> float:
     return (float(means.max() - means.min()) - repeats) / largest if largest else 0.0
 
 
-def varied(found: pd.DataFrame, parameters: Sequence[str]) -> list[Levels]:
+def varied(table: pd.DataFrame, parameters: Sequence[str]) -> list[Levels]:
     """The parameters that change; those that repeat a run only if there are no others."""
-    levels = [level for name in parameters if len((level := _levels(found[name])).values) > 1]
+    levels = [level for name in parameters if len((level := _levels(table[name])).values) > 1]
     return [level for level in levels if level.name not in REPEATS] or levels
 
 
@@ -268,8 +268,8 @@ def _levels(column: pd.Series) -> Levels:
     return Levels(str(column.name), list(names), index)
 
 
-def _runs(found: pd.DataFrame) -> Levels:
-    return Levels("run", list(range(len(found))), np.arange(len(found)))
+def _runs(table: pd.DataFrame) -> Levels:
+    return Levels("run", list(range(len(table))), np.arange(len(table)))
 
 
 def is_grid(levels: Sequence[Levels]) -> bool:
@@ -315,15 +315,15 @@ class Counted(NamedTuple):
     all: Array
 
 
-def counts_of(found: pd.DataFrame, name: str, levels: Sequence[Levels]) -> Counted | None:
+def counts_of(table: pd.DataFrame, name: str, levels: Sequence[Levels]) -> Counted | None:
     """The numbers of poses behind a result at each combination; None if the table has none."""
-    if (columns := count_of(name, found.columns)) is None:
+    if (columns := count_of(name, table.columns)) is None:
         return None
-    measured = _statistics(found[columns.measured].to_numpy(float), levels)["min"].to_numpy()
+    measured = _statistics(table[columns.measured].to_numpy(float), levels)["min"].to_numpy()
     if columns.measured == columns.all:
         return Counted(measured, measured)
-    every = columns.all if columns.all in found else columns.measured
-    there = _statistics(found[every].to_numpy(float), levels)["max"].to_numpy()
+    every = columns.all if columns.all in table else columns.measured
+    there = _statistics(table[every].to_numpy(float), levels)["max"].to_numpy()
     if every == columns.measured:
         there = np.full(len(there), np.nanmax(there))
     return Counted(measured, there)
@@ -456,7 +456,7 @@ def _write_values(ax: Axes, means: Array, image: AxesImage) -> None:
             ax.text(column, row, text, ha="center", va="center", color=colour, fontsize=9)
 
 
-def _multiples(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Levels]) -> Figure:
+def _multiples(table: pd.DataFrame, shown: Sequence[str], levels: Sequence[Levels]) -> Figure:
     """Heat maps over the first two parameters: a row per result, a column per setting of the others
     (some, if many).
     """
@@ -472,7 +472,7 @@ def _multiples(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Level
     for ax, (name, combination) in zip(
         axes.flat, ((name, k) for name in shown for k in columns), strict=True
     ):
-        y = found[name].to_numpy(float)
+        y = table[name].to_numpy(float)
         matching = flat == combination
         part = [level._replace(which=level.which[matching]) for level in first]
         _heat_map(ax, y[matching], part, name, (np.nanmin(y), np.nanmax(y)))
@@ -486,7 +486,7 @@ def _multiples(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Level
     return figure
 
 
-def _scattered(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Levels]) -> Figure:
+def _scattered(table: pd.DataFrame, shown: Sequence[str], levels: Sequence[Levels]) -> Figure:
     """Each result over each parameter, as points."""
     columns = levels[:MOST_COLUMNS]
     figure, axes = subplots(
@@ -503,10 +503,10 @@ def _scattered(found: pd.DataFrame, shown: Sequence[str], levels: Sequence[Level
         at = np.arange(len(level.values)) if x is None else x
         ax.plot(
             at[level.which],
-            found[name],
+            table[name],
             ".",
             color=COLOURS[0],
-            markersize=5 if len(found) < 500 else 2,
+            markersize=5 if len(table) < 500 else 2,
         )
         if x is None:
             ax.set_xticks(at, level.labels)
@@ -528,17 +528,17 @@ def _is_geometric(x: Array) -> bool:
     return bool(abs(by_ratios - 0.5) < abs(by_steps - 0.5))
 
 
-def _name_what_is_missing(figure: Figure, found: pd.DataFrame, left_out: int = 0) -> None:
+def _name_what_is_missing(figure: Figure, table: pd.DataFrame, left_out: int = 0) -> None:
     """Say in the figure which runs failed, and how many results have no room in it."""
-    failed = int((found["status"] == "failed").sum()) if "status" in found else 0
-    said = [f"{failed} of {len(found)} runs failed"] * bool(failed)
+    failed = int((table["status"] == "failed").sum()) if "status" in table else 0
+    said = [f"{failed} of {len(table)} runs failed"] * bool(failed)
     said += [f"{left_out} more results are in the table"] * bool(left_out)
     if said:
         figure.suptitle("; ".join(said), fontsize=10)
 
 
-def _said(text: str, found: pd.DataFrame) -> Figure:
+def _text_only(text: str, table: pd.DataFrame) -> Figure:
     figure = plt.figure(figsize=(5, 2), facecolor="white")
     figure.text(0.5, 0.5, text, ha="center")
-    _name_what_is_missing(figure, found)
+    _name_what_is_missing(figure, table)
     return figure

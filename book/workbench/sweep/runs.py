@@ -291,33 +291,22 @@ def unchanging(rows: pd.DataFrame) -> list[str]:
     return without_effect
 
 
-def shown(
-    found: Iterator[tuple[int, Outcome]],
-    total: int,
-    progress: bool | None,
-    lost: int = 0,
-    initial: int = 0,
-) -> Iterator[tuple[int, Outcome]]:
-    """The same outcomes, and a progress bar: runs done, failed, remaining time."""
-    with tqdm(
-        total=total, initial=initial, unit="run", disable=None if progress is None else not progress
-    ) as bar:
-        for number, outcome in found:
-            lost += outcome.status == FAILED
-            bar.set_postfix_str(f"{lost} failed", refresh=False)
-            bar.update()
-            yield number, outcome
-
-
 def _outcomes(
     job: Sweep, engine: Engine, done: Mapping[int, Outcome], progress: bool | None
 ) -> Iterator[tuple[int, Outcome]]:
     """The number and the outcome of each run that is not done, in the order in which they are
-    finished.
+    finished, with a progress bar: runs done, failed, remaining time.
     """
-    todo = (number for number in range(len(job.settings)) if number not in done)
-    lost = sum(outcome.status == FAILED for outcome in done.values())
-    return shown(_computed(job, engine, todo), len(job.settings), progress, lost, len(done))
+    total = len(job.settings)
+    todo = (number for number in range(total) if number not in done)
+    count_failed = sum(outcome.status == FAILED for outcome in done.values())
+    off = None if progress is None else not progress
+    with tqdm(total=total, initial=len(done), unit="run", disable=off) as bar:
+        for number, outcome in _computed(job, engine, todo):
+            count_failed += outcome.status == FAILED
+            bar.set_postfix_str(f"{count_failed} failed", refresh=False)
+            bar.update()
+            yield number, outcome
 
 
 def _computed(job: Sweep, engine: Engine, todo: Iterator[int]) -> Iterator[tuple[int, Outcome]]:
@@ -347,10 +336,11 @@ def received(future: Future[Any], count: int) -> list[Outcome]:
         return [failed(error, 0.0)] * count
 
 
-def figure(found: pd.DataFrame) -> bytes:
+def figure(rows: pd.DataFrame) -> bytes:
+    """The figure of a sweep's table as a PNG file."""
     from .figures import as_png, plot_sweep  # loads matplotlib
 
-    return as_png(plot_sweep(found))
+    return as_png(plot_sweep(rows))
 
 
 def _about(job: Sweep, more: Mapping[str, Any]) -> dict[str, Any]:
