@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -199,7 +199,8 @@ def follow(
     rig = recording.rig
     rows: list[tuple] = []
     measured: dict[int, list[bool]] = {}
-    identified = IdentifiedMarkers([], [])
+    times_s: list[float] = []
+    pixels: list[Array] = []
     drift_monitor = DriftMonitor(rig, handle, parameters)
     steps = posetracker.track_instants(instants(recording), rig, handle, parameters, known)
     with (
@@ -209,8 +210,11 @@ def follow(
         for now, tracked in steps:
             pose = tracked.measurement.pose
             rows.append(pose_row(now.frame, now.t_s, pose))
-            identified.add(now.t_s, tracked, len(handle.marker_centres))
-            drift_monitor.add(now.frame, now.t_s, tracked)
+            uv = _identified(tracked, len(handle.marker_centres))
+            if len(times_s) < MOST_INSTANTS:
+                times_s.append(now.t_s)
+                pixels.append(uv)
+            drift_monitor.add(now.frame, now.t_s, uv, pose.T_world_handle)
             if watch is not None:
                 watch(recording, now, tracked)
             if pose.status == "measured":
@@ -218,7 +222,9 @@ def follow(
             share = len(measured) / (now.frame + 1)
             bar.set_postfix_str(f"tracked {100 * share:.0f} %", refresh=False)
             bar.update()
-        offsets = identified.offsets(rig)
+        offsets = None
+        if len(times_s) > 1:
+            offsets = estimate_offsets(np.array(times_s), np.stack(pixels, axis=1), rig)
         late = late_lines(offsets, rig) if offsets else []
         idle = idle_lines(list(measured), list(measured.values()), rig)
         for line in [*late, *drift_monitor.drift(), *idle]:
@@ -233,25 +239,6 @@ def _identified(tracked: posetracker.Tracked, markers: int) -> Array:
     return labelled_pixels(labels, pixels, markers)
 
 
-class IdentifiedMarkers(NamedTuple):
-    """Identified markers of the instants so far: times, s, and pixels (cameras, markers, 2)."""
-
-    times_s: list[float]
-    uv: list[Array]
-
-    def add(self, t_s: float, tracked: posetracker.Tracked, markers: int) -> None:
-        """One more instant, as long as they are few enough to be kept."""
-        if len(self.times_s) < MOST_INSTANTS:
-            self.times_s.append(t_s)
-            self.uv.append(_identified(tracked, markers))
-
-    def offsets(self, rig: Rig) -> Offsets | None:
-        """The offsets between the clocks; None for less than two instants."""
-        if len(self.times_s) < 2:
-            return None
-        return estimate_offsets(np.array(self.times_s), np.stack(self.uv, axis=1), rig)
-
-
 class DriftMonitor:
     """The instants of a track in which a drift of the rig would show: of long ones every second,
     every fourth, ...
@@ -264,17 +251,16 @@ class DriftMonitor:
         self.every = 1
         self.instants: list[tuple[int, float, RigidTransform, Array]] = []
 
-    def add(self, frame: int, t_s: float, tracked: posetracker.Tracked) -> None:
-        """One more instant, if its markers were identified: also where a pose was refused."""
+    def add(self, frame: int, t_s: float, uv: Array, T: RigidTransform | None) -> None:
+        """Add an instant with the pixels (cameras, markers, 2) of its identified markers, and its
+        pose; where that was refused, the pose that the markers give.
+        """
         if frame % self.every:
             return
-        uv = _identified(tracked, len(self.handle.marker_centres))
-        pose = tracked.measurement.pose
-        if pose.T_world_handle is None:
-            pose = fit_pose(uv, self.rig, self.handle)
-        if pose.T_world_handle is None:
+        if T is None:
+            T = fit_pose(uv, self.rig, self.handle).T_world_handle
+        if T is None:
             return
-        T = pose.T_world_handle
         self.instants.append((frame, t_s, T, uv))
         if len(self.instants) > MOST_INSTANTS:
             self.every *= 2

@@ -4,7 +4,6 @@ none does.
 
 import re
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -21,12 +20,9 @@ from trinolab.files.poses import transforms, truth_table
 from trinolab.following import track
 from trinolab.following.drift import Series, find_drift, image_offsets
 from trinolab.following.parameters import FollowParameters
-from trinolab.following.posetracker import Tracked
 from trinolab.following.track import DriftMonitor, track_folder
 from trinolab.handle import slants
 from trinolab.identity.parameters import IdentityParameters
-from trinolab.measurement import Measurement
-from trinolab.pose import Pose
 
 P = IdentityParameters()
 CODED = load_handle("coded")
@@ -166,10 +162,7 @@ def test_a_track_says_which_camera_and_when():
     uv = np.concatenate([seen(rig, poses[:WHEN], rng), seen(after, poses[WHEN:], rng)])
     watched = DriftMonitor(rig, CODED, FollowParameters())
     for k, T in enumerate(poses):
-        pose = Pose("measured", T, np.eye(6), 0.1, 6, 3)
-        found = tuple(SimpleNamespace(uv=pixels) for pixels in uv[k])
-        labels = tuple(np.where(np.isfinite(own[:, 0]), np.arange(12), -1) for own in uv[k])
-        watched.add(k, k / 25, Tracked(Measurement(pose, found, labels), (None,) * 3))
+        watched.add(k, k / 25, uv[k], T)
     (line,) = watched.drift()
     said = re.fullmatch(
         r"ccd2: turned by (0\.0\d+) deg \((\d\.\d) px, as far as that shows\) at (\d\.\d\d) s "
@@ -183,11 +176,9 @@ def test_a_track_says_which_camera_and_when():
 def test_long_tracks_are_watched_at_fewer_instants(monkeypatch):
     monkeypatch.setattr(track, "MOST_INSTANTS", 10)
     watched = DriftMonitor(load_rig("paper_pair"), CODED, FollowParameters())
-    nothing = (np.full(12, -1),) * 2
-    found = (SimpleNamespace(uv=np.zeros((12, 2))),) * 2
-    pose = Pose("measured", moving(np.random.default_rng(0))[0], np.eye(6), 0.1, 6, 2)
+    T = moving(np.random.default_rng(0))[0]
     for frame in range(50):
-        watched.add(frame, 0.0, Tracked(Measurement(pose, found, nothing), (None, None)))
+        watched.add(frame, 0.0, np.full((2, 12, 2), np.nan), T)
     frames = [frame for frame, *_ in watched.instants]
     assert frames == list(range(0, 50, watched.every))
     assert len(frames) <= 10

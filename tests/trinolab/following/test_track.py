@@ -14,8 +14,9 @@ from trinolab.bench.scene import render_rig
 from trinolab.datasets import handle_file, load_handle, load_rig, rig_file
 from trinolab.files import recording_writer
 from trinolab.files.poses import read_poses, transforms, truth_table
-from trinolab.following import posetracker, track
+from trinolab.following import posetracker
 from trinolab.following.clocks import late_lines
+from trinolab.following.sync import estimate_offsets
 from trinolab.following.track import track_folder
 from trinolab.rigid import shifted
 
@@ -129,26 +130,18 @@ def test_a_camera_that_is_late_is_said():
         )
         for t in np.arange(count) / FPS + late_s
     ]
-    seen = track.IdentifiedMarkers([], [])
-    for k in range(count):
-        uv = [
-            RIG.cameras[c].project(T.apply(PAPER.marker_centres))
-            for c, T in enumerate((path[k], late[k]))
-        ]
-        seen.times_s.append(k / FPS)
-        seen.uv.append(np.stack(uv) + rng.normal(0, 0.05, (2, 12, 2)))
-    (line,) = late_lines(seen.offsets(RIG), RIG)
+    first, second = RIG.cameras
+    times_s = np.arange(count) / FPS
+    exact, delayed = (
+        np.stack([camera.project(T.apply(PAPER.marker_centres)) for T in poses])
+        for camera, poses in ((first, path), (second, late))
+    )
+    uv = np.stack([exact, delayed]) + rng.normal(0, 0.05, (2, count, 12, 2))
+    (line,) = late_lines(estimate_offsets(times_s, uv, RIG), RIG)
     assert line.startswith("ccd2: 6.")
     assert "later than ccd1; the cameras are not synchronised" in line
-    together = track.IdentifiedMarkers(
-        seen.times_s,
-        [
-            np.stack([RIG.cameras[c].project(T.apply(PAPER.marker_centres)) for c in (0, 1)])
-            for T in path
-        ],
-    )
-    assert late_lines(together.offsets(RIG), RIG) == []
-    assert track.IdentifiedMarkers([], []).offsets(RIG) is None
+    together = np.stack([second.project(T.apply(PAPER.marker_centres)) for T in path])
+    assert late_lines(estimate_offsets(times_s, np.stack([exact, together]), RIG), RIG) == []
 
 
 def test_values_track_as_their_files_do(folder, tmp_path):
