@@ -73,7 +73,7 @@ def judge(setup: Setup, rows: list[list[Row]]) -> Answer:
         ),
         *_honesty(distances, angles, track.sigmas[measured], seed),
     ]
-    answer.pictures += _pictures(setup, drawn, off, measured)
+    answer.pictures += _pictures(drawn, off, measured)
     return answer
 
 
@@ -143,7 +143,7 @@ def explained(freedoms: Array, values: Array) -> tuple[Array, Array]:
     return part, chance
 
 
-def _pictures(setup: Setup, drawn: Drawn, off: Array, found: np.ndarray) -> list[Picture]:
+def _pictures(drawn: Drawn, off: Array, found: np.ndarray) -> list[Picture]:
     distances, angles = tracks.lengths(off[found])
     freedoms = drawn.freedoms[found]
     position = freedoms[:, :3]

@@ -135,7 +135,7 @@ def page_of_wrap(size: tuple[float, float], wrap: Wrap, toml: str) -> Page:
         at = (left_edge + around, bottom + axial - wrap.low_mm)
         shapes.append(Disc(at, handle.marker_diameter_mm, marker))
     shapes += _marks(wrap, left_edge, bottom)
-    shapes += foot(size)
+    shapes += foot()
     return Page(size, shapes)
 
 
@@ -177,9 +177,7 @@ def page_of_board(size: tuple[float, float]) -> Page:
     square = target.square_mm
     left_edge = (size[0] - target.columns * square) / 2
     top = size[1] - EDGE_MM
-    return Page(
-        size, [Area(_board_boxes(target, left_edge, top)), *foot(size), *_command(size, target)]
-    )
+    return Page(size, [Area(_board_boxes(target, left_edge, top)), *foot(), _command(target)])
 
 
 def _board_boxes(target: Target, left: float, top: float) -> Array:
@@ -203,17 +201,17 @@ def _board_boxes(target: Target, left: float, top: float) -> Array:
     return np.array(boxes)
 
 
-def _command(size: tuple[float, float], target: Target) -> list[Shape]:
+def _command(target: Target) -> Words:
     """What to type for the board, beside the bar."""
     text = (
         "trinolab calibrate --images ccd1=board/images/ccd1 ccd2=board/images/ccd2 \\\n"
         "    ccd3=board/images/ccd3 --board charuco --columns "
         f"{target.columns} --rows {target.rows} --square {target.square_mm:g} --out rig.toml"
     )
-    return [Words((EDGE_MM + 8, EDGE_MM + 22), text, 7.5, code=True)]
+    return Words((EDGE_MM + 8, EDGE_MM + 22), text, 7.5, code=True)
 
 
-def foot(size: tuple[float, float]) -> list[Shape]:
+def foot() -> list[Shape]:
     """The bar of a page, with its words."""
     return [
         *bar((EDGE_MM + 8, EDGE_MM + 3), upright=False),
