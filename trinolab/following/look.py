@@ -36,7 +36,7 @@ from ..markers import Markers, markers_at
 from ..methods import BEST
 from ..pose import LOST, Pose, fit_pose
 from ..rigid import apart, motion_between, placed, rotation_of, shifted
-from ..sensitivity import NOTHING, offsets_at
+from ..sensitivity import NOTHING, offsets_at, pixel_slopes
 from ..uncertainty.assessment import Assessment, RigInformation, assessed
 from ..window import Window
 from ..work import Work
@@ -407,7 +407,7 @@ def _smear_motion(
         way = _smear(image, followed.guess.expected[c].size_px, seen, setup)
         if way is not None:
             ways.append(way)
-            slopes.append(_by_position(setup.rig, c, centre))
+            slopes.append(_by_position(setup.rig.cameras[c], centre))
     if not ways:
         return np.zeros(6)
     J = np.concatenate(slopes)
@@ -580,7 +580,7 @@ def displacement(
     ]
     seen = [c for c, shift in enumerate(shifts) if shift is not None]
     while len(seen) >= 2:
-        J = np.concatenate([_by_position(rig, c, centre) for c in seen])
+        J = np.concatenate([_by_position(rig.cameras[c], centre) for c in seen])
         wanted = np.concatenate([shifts[c] for c in seen])
         motion = np.linalg.lstsq(J, wanted, rcond=None)[0]
         residuals_px = np.linalg.norm((J @ motion - wanted).reshape(-1, 2), axis=1)
@@ -590,12 +590,9 @@ def displacement(
     return None
 
 
-def _by_position(rig: Rig, c: int, centre: Array) -> Array:
-    """Derivative of a camera's pixel by a point's position, (2, 3), px/mm."""
-    step = 0.5 * np.eye(3)
-    ahead = rig.cameras[c].project(centre + step)
-    behind = rig.cameras[c].project(centre - step)
-    return np.nan_to_num((ahead - behind).T)
+def _by_position(camera: Camera, point: Array) -> Array:
+    """Derivative of the pixel of a point by its position, (2, 3), px/mm; zeros where it has none."""
+    return np.nan_to_num(pixel_slopes(camera, point[None])[1][0])
 
 
 def _shift(
