@@ -120,7 +120,7 @@ def estimate_offsets(times_s: ArrayLike, uv: ArrayLike, rig: Rig) -> Offsets:
     return join(deltas, len(rig.cameras))
 
 
-def significant(found: Offsets, sigmas: float = 5.0, least_s: float = 1e-3) -> np.ndarray:
+def significant(offsets: Offsets, sigmas: float = 5.0, least_s: float = 1e-3) -> np.ndarray:
     """Whether each camera's offset is more than `sigmas` standard deviations and more than
     `least_s`, bool (cameras,).
 
@@ -128,8 +128,8 @@ def significant(found: Offsets, sigmas: float = 5.0, least_s: float = 1e-3) -> n
     """
     as_number(sigmas, "sigmas", 0.0)
     as_number(least_s, "least_s", 0.0)
-    size = np.abs(found.offset_s)
-    return np.asarray((size > sigmas * found.sigma_s) & (size > least_s))
+    size = np.abs(offsets.offset_s)
+    return np.asarray((size > sigmas * offsets.sigma_s) & (size > least_s))
 
 
 def tracks_of(times: Array, uv: Array, gap_s: float = GAP_S) -> list[Track]:
