@@ -1,5 +1,4 @@
-"""Real recordings made by others: where they are on this machine, and how they get there when asked
-for.
+"""Real recordings made by others: their places on this machine, and fetching them on request.
 
 They are not part of the package. A set lies in the folder that the environment variable
 TRINOLAB_DATA names, or in the user's cache after it was fetched. Every file is checked against its
@@ -80,9 +79,9 @@ def find(real: RealSet, fetch: bool = False) -> Path | None:
     Raises
     ------
     ValueError
-        If TRINOLAB_DATA names no folder, a file of the set is missing there or is not the one that
-        is meant, the set cannot be fetched (no pinned address, no network), or what came is not
-        what was asked for.
+        If TRINOLAB_DATA names no folder, a file of the set is missing there or has another hash,
+        the set cannot be fetched (no pinned address, no network), or the fetched file is another
+        one.
     """
     named = os.environ.get(VARIABLE, "")
     if named and not Path(named).is_dir():

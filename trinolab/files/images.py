@@ -33,9 +33,7 @@ log = logging.getLogger("trinolab")
 
 @contextmanager
 def unheard() -> Iterator[IO[bytes]]:
-    """Whatever the process writes to the file of standard error meanwhile goes to the file that
-    this gives.
-    """
+    """Redirect standard error, below Python, to the file that this yields."""
     with tempfile.TemporaryFile() as file:
         stderr_copy = os.dup(2)
         os.dup2(file.fileno(), 2)
@@ -48,7 +46,7 @@ def unheard() -> Iterator[IO[bytes]]:
 
 @contextmanager
 def camera_bits(bits: int) -> Iterator[None]:
-    """Meanwhile the cameras' images have so many bits, in files of 16."""
+    """Read 16-bit files as images of so many bits while the block runs."""
     if not 8 <= bits <= 16:
         raise ValueError(f"bits: expected 8 to 16, got {bits}")
     before = os.environ.get(BITS_GIVEN)
@@ -67,8 +65,8 @@ def is_image(path: Path) -> bool:
 
 
 class Grey(NamedTuple):
-    """A grey image, shape (height, width), grey levels 0 to 255, and what the log shall say of how
-    it became one.
+    """A grey image, shape (height, width), grey levels 0 to 255, and remarks on its conversion for
+    the log.
     """
 
     image: np.ndarray
@@ -96,7 +94,7 @@ def read_greys(
     size : (int, int), optional
         Width and height that they must have.
     said : set of str, optional
-        Remarks that the log has already; cameras that are read together share one.
+        Remarks that the log already contains; cameras that are read together share one set.
 
     Raises
     ------
@@ -111,9 +109,7 @@ def read_greys(
 def logged_once(
     images: Iterable[tuple[Path, Grey]], said: set[str] | None = None
 ) -> Iterator[np.ndarray]:
-    """The images; the log has each remark once, with the file of the first image that it is true
-    of.
-    """
+    """The images; each remark is logged once, with the file of the first image that it concerns."""
     before = set() if said is None else said
     for path, (image, remarks) in images:
         for remark in remarks:
@@ -169,8 +165,8 @@ def _bits_in(folder: Path) -> int:
 
 
 def decoded(data: bytes, path: str | Path) -> tuple[np.ndarray | None, str]:
-    """The image, None if there is none, and the first line of what its decoder has to say about it.
-    Raises a ValueError that names the file if it has more pixels than are taken.
+    """The image, None if there is none, and the first line of its decoder's message. Raises a
+    ValueError that names the file if it has more pixels than the limit.
     """
     with unheard() as complaints:
         try:

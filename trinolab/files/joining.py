@@ -1,7 +1,7 @@
 """Poses joined with their truth on the frame, and the signs that the two do not belong together.
 
-A wrong join gives numbers like a right one: poses of frames 20 to 24 that are numbered 0 to 4 are
-half a hand's way off, and look like a bad measurement.
+The numbers of a wrong join look like those of a right one: poses of frames 20 to 24 that are
+numbered 0 to 4 err by half a hand's way, as if they had been measured badly.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def join(
 ) -> pd.DataFrame:
     """The rows of poses beside those of their truth, whose columns end in ``_true``.
 
-    The log says what is odd: instants without a partner, poses that are late, files that seem to be
+    The log reports instants without a partner, poses that are late, and files that seem to be
     swapped.
 
     Parameters

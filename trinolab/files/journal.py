@@ -1,6 +1,4 @@
-"""Finished work, kept while more of it comes: an interruption loses none, and one process at a time
-adds to it.
-"""
+"""Journals of finished work: an interruption loses none, and one process at a time adds to it."""
 
 from __future__ import annotations
 
@@ -24,17 +22,17 @@ except ImportError:  # a system without such locks
 
 @contextmanager
 def locked(path: Path, wait: bool = False) -> Iterator[None]:
-    """Keep a folder, or a file, which is made if it is not there, for this process alone while the
+    """Lock a folder, or a file, which is made if it does not exist, for this process while the
     block runs.
 
-    The system frees it when the process ends, however that happens. Where there are no such locks
-    nobody is kept out.
+    The system releases the lock when the process ends, however that happens. On a file system
+    without such locks nothing is locked.
 
     Parameters
     ----------
     path : path
     wait : bool
-        For the other process, rather than refuse.
+        Wait for the other process rather than refuse.
 
     Raises
     ------
@@ -56,17 +54,16 @@ def locked(path: Path, wait: bool = False) -> Iterator[None]:
 
 @contextmanager
 def sole_writer(target: str | Path, name: str | Path | None = None) -> Iterator[None]:
-    """Keep a file or a folder that is going to be written for this process alone while the block
-    runs.
+    """Lock a file or a folder that is going to be written for this process while the block runs.
 
-    The lock is a hidden file beside it, ``.NAME.lock``, which goes when the block ends. One that a
-    killed process has left is nobody's: the next one takes it over.
+    The lock is a hidden file beside it, ``.NAME.lock``, which is removed when the block ends. The
+    next process takes over the lock of one that was killed.
 
     Parameters
     ----------
     target : path
     name : path, optional
-        What an error calls it.
+        Its name in an error.
 
     Raises
     ------
@@ -89,9 +86,9 @@ def sole_writer(target: str | Path, name: str | Path | None = None) -> Iterator[
 class Journal:
     """A text file that grows by whole lines, for this process alone as long as it is open.
 
-    Its beginning, the head, says what the lines belong to. Those of the same work interrupted are
-    taken up, from the first one on; a line that was cut off, or is damaged, is dropped with all
-    behind it. With another head the file is begun anew.
+    Its beginning, the head, identifies the work. The lines of the same work are read, from the
+    first one on; a line that was cut off, or is damaged, is dropped with all lines behind it. With
+    another head the file is begun anew.
 
     Parameters
     ----------
@@ -100,8 +97,8 @@ class Journal:
     head : str
         Whole lines, or nothing.
     is_line : callable
-        Takes a line's number, from 0 behind the head, and its text; whether it is a whole one of
-        this work.
+        Takes a line's number, from 0 behind the head, and its text, and returns whether it is a
+        whole line of this work.
 
     Raises
     ------
@@ -152,11 +149,11 @@ class Journal:
         self._write(f"{line}\n".encode())
 
     def close(self) -> None:
-        """Let others have the file."""
+        """Release the file."""
         self._open.close()
 
     def remove(self) -> None:
-        """Remove the file, of which nothing is needed any more, and close it."""
+        """Remove the file, and close it."""
         if fcntl is None:  # such a system may not remove a file that is open
             self.close()
         self.path.unlink(missing_ok=True)

@@ -1,9 +1,9 @@
 """Limits of the files that are read: one budget for all readers.
 
-Files come from others, and a short one may ask for any amount of memory or time: by a header that
-states a huge image, by names within names, by what it is compressed to. Each reader asks here before it
-takes what a file holds. The numbers are far beyond what a bench of cameras needs, and a file that
-keeps to them takes about a second to read.
+Files come from others, and a short one may need any amount of memory or time: a header may state a
+huge image, names may be nested, content may be compressed. Each reader checks its file here before
+it reads the content. The limits are far beyond the needs of a bench of cameras, and a file within
+them takes about a second to read.
 
 An image is refused by OpenCV, whose decoders read its header: `trinolab` sets
 ``OPENCV_IO_MAX_IMAGE_PIXELS``, unless it is set already, before it loads OpenCV. Where OpenCV was loaded
@@ -49,8 +49,8 @@ _NUMBERS = re.compile(
 
 
 def check_regular(path: str | Path) -> None:
-    """Refuse, with a ValueError that names it, what is there and no regular file: a pipe, a device, a
-    folder. One that is not there is for whoever opens it to say.
+    """Refuse, with a ValueError that names it, what is there and no regular file: a pipe, a device,
+    a folder. A file that does not exist passes: opening it raises the error.
     """
     try:
         mode = os.stat(path).st_mode
@@ -68,7 +68,7 @@ def open_regular(path: str | Path) -> BinaryIO:
     OSError
         If it cannot be opened.
     ValueError
-        Names what is no regular file; nobody waits at a pipe.
+        Names what is no regular file; a pipe is not waited for.
     """
     check_regular(path)
     # what has become a pipe meanwhile is opened without waiting, and refused all the same
@@ -91,20 +91,20 @@ def read_bytes(path: str | Path, most: int) -> bytes:
 
 
 def check_bytes(path: str | Path, count: int, most: int) -> None:
-    """Refuse a file of more bytes than are taken."""
+    """Refuse a file of more bytes than the limit."""
     if count > most:
         allowed = f"{most / MIB:,.1f}".removesuffix(".0")
         raise ValueError(f"{path}: {count / MIB:,.1f} MiB, expected at most {allowed}")
 
 
 def check_count(count: int, most: int, what: str) -> None:
-    """Refuse more of something than is taken."""
+    """Refuse more of something than the limit."""
     if count > most:
         raise ValueError(f"expected at most {most:,} {what}, got {count:,}")
 
 
 def check_pixels(path: str | Path, width: int, height: int) -> None:
-    """Refuse an image, or a video's frames, that are larger than is taken."""
+    """Refuse an image, or a video's frames, that are larger than the limit."""
     if width * height > PIXELS:
         raise ValueError(
             f"{path}: {width} x {height} pixels, expected at most {PIXELS / 1e6:.0f} million"
@@ -112,9 +112,9 @@ def check_pixels(path: str | Path, width: int, height: int) -> None:
 
 
 def check_toml(path: str | Path, text: bytes) -> None:
-    """Refuse TOML with more commas, lines, tables or dots in names than are taken, or a name of more
-    parts: each part is a table within the one before, for which the parser's time and memory grow with
-    the square of their number.
+    """Refuse TOML with more commas, lines, tables or dots in names than the limit, or a name of
+    more parts: each part is a table within the one before, for which the parser's time and memory
+    grow with the square of their number.
     """
     _check(path, text.count(b","), ENTRIES, "commas")
     _check(path, text.count(b"\n"), ENTRIES, "lines")
@@ -127,8 +127,8 @@ def check_toml(path: str | Path, text: bytes) -> None:
 
 
 def check_table(path: str | Path, text: bytes, separator: bytes = b",") -> None:
-    """Refuse a CSV table of more lines, columns or cells than are taken; a separator between quotes
-    counts as well.
+    """Refuse a CSV table of more lines, columns or cells than the limits; a separator between
+    quotes counts as well.
     """
     lines = text.count(b"\n") + text.count(b"\r")
     separators = text.count(separator)

@@ -88,8 +88,8 @@ def check_names(cameras: Iterable[str]) -> None:
 
 
 def check_cameras(cameras: Iterable[str], rig: Rig, absent: str) -> None:
-    """Refuse, with a ValueError, other cameras than those of a rig; `absent` says what is wrong with
-    one of the rig that is not among them.
+    """Refuse, with a ValueError, other cameras than those of a rig; `absent` is the fault of a
+    camera of the rig that is not among them.
     """
     given = list(cameras)
     names = ", ".join(rig.names)
@@ -100,7 +100,7 @@ def check_cameras(cameras: Iterable[str], rig: Rig, absent: str) -> None:
 
 
 def claim(partial: Path, manifest: Mapping[str, Any]) -> None:
-    """Write into an unfinished folder what the recording is made from, so that it can go on later.
+    """Write into an unfinished folder what the recording is made from, so that it can be resumed.
 
     Raises
     ------
@@ -167,8 +167,8 @@ def give_name(folder: str | Path) -> None:
 
 
 def write_image(image: np.ndarray, path: Path, fast: bool = False) -> None:
-    """Write a grey image, uint8, as PNG, whole or not at all; `fast` takes a seventh of the time
-    and double the room.
+    """Write a grey image, uint8, as PNG, whole or not at all; `fast` needs a seventh of the time
+    and twice the space.
 
     Raises
     ------
