@@ -14,15 +14,15 @@ name                  equations    what it is
 `read_rig`                         a rig file
 `read_handle`                      a handle file
 `write_rig`                        a rig to a file that the commands read
-`write_handle`                     the same of a handle
+`write_handle`                     a handle to such a file
 `intersect`           Eq. 1-4      the cameras' common field of view
-`Target`                           what the cameras are calibrated with
+`Target`                           a target that calibrates cameras
 `calibrate`           Eq. 25       images of a target to a rig file
 `render`                           a recording with its truth, from the simulated bench
 `read_recording`                   a recording folder: its footage and its handle
 `Parameters`                       the parameters of a measurement, stage by stage
-`background`          Eq. 5-6      what moves: `difference` (5) and `update` (6)
-`kalman`              Eq. 7-15     where it moves to: `predict` (9, 10), `update` (13-15), `gate`
+`background`          Eq. 5-6      the moving pixels: `difference` (5) and `update` (6)
+`kalman`              Eq. 7-15     the filter: `predict` (9, 10), `update` (13-15), `gate`
 `find_markers`        Eq. 16       the markers in an image
 `match`               Eq. 17-18    the same marker in two images
 `triangulate`         Eq. 19-22    matches to points

@@ -245,8 +245,3 @@ def test_angles_and_gates_fit_together():
         IdentityParameters(fit_gates=(4.0, 0.0))
     with pytest.raises(TypeError, match="gate_pxx"):
         IdentityParameters(gate_pxx=1.0)
-
-
-def test_an_estimator_that_there_is_not_is_named():
-    with pytest.raises(ValueError, match=r"estimator: expected one of paper.*, got 'none'"):
-        Parameters(estimator="none")
