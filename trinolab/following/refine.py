@@ -340,15 +340,13 @@ def _view_table(rig: Rig, found: Cleaned, frames: np.ndarray, seen: Centres) -> 
     np.add.at(count, (seen.instant, seen.camera), 1)
     used = found.seen._replace(instant=found.instants[found.seen.instant])
     rms = view_rms(used, found.bundle, shape)
+    seen_or_not = np.where(count > 0, "left out", "nothing seen")
+    status = np.where(np.isfinite(rms), "used", seen_or_not)
     rows = [
         {
             "frame": int(frames[i]),
             "camera": rig.names[c],
-            "status": "used"
-            if np.isfinite(rms[i, c])
-            else "left out"
-            if count[i, c]
-            else "nothing seen",
+            "status": str(status[i, c]),
             "centres": int(count[i, c]),
             "rms_px": rms[i, c],
             "reason": found.reasons[i, c],
