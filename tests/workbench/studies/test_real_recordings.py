@@ -480,7 +480,7 @@ def test_led_points_are_those_of_the_self_calibration():
 @needs("caliscope")
 def test_webcams_and_their_board():
     tracks = real_recordings.load_caliscope()
-    assert tracks.rig.names == ("0", "1", "2", "3")
+    assert tracks.rig.names == ("cam_0", "cam_1", "cam_2", "cam_3")
     assert tracks.uv.shape == (4, 48 * 12, 2)
     assert np.isfinite(tracks.uv).all(axis=2).sum() == 1725
     steps = np.diff(np.unique(tracks.points[:, 0].round(3)))
