@@ -315,7 +315,7 @@ def spot_at(image: np.ndarray, uv: Array, axes_px: Array, kind: str) -> Spot:
     )
 
 
-def _rays(patch: np.ndarray, centre: Array, radii: Array) -> Array:
+def _rays(patch: np.ndarray, centre: Array, radii: Array) -> np.ndarray:
     """The greys at some radii along rays from a spot's centre, shape (16, radii)."""
     angles = 2 * np.pi * np.arange(RAYS) / RAYS
     u = centre[0] + np.cos(angles)[:, None] * radii
@@ -329,7 +329,7 @@ def _rays(patch: np.ndarray, centre: Array, radii: Array) -> Array:
     )
 
 
-def _steepness(grey: Array, radii: Array, major_px: float) -> Array:
+def _steepness(grey: np.ndarray, radii: Array, major_px: float) -> Array:
     """The largest fall of grey along rays from a bright spot's centre, by the fall from its middle
     to its surroundings, 1/px.
     """
@@ -341,7 +341,7 @@ def _steepness(grey: Array, radii: Array, major_px: float) -> Array:
     return fall / np.maximum(height, 1.0)
 
 
-def _angularity(grey: Array, radii: Array) -> float:
+def _angularity(grey: np.ndarray, radii: Array) -> float:
     """The share of an outline that no ellipse has, where the greys along rays from a bright spot's
     centre have fallen halfway.
 
