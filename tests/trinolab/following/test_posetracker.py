@@ -386,7 +386,9 @@ def cut_search(monkeypatch):
     monkeypatch.setattr(posetracker, "identified", identified)
 
 
-@pytest.mark.parametrize(("cameras", "status"), [(1, "ambiguous"), (2, "measured"), (3, "measured")])
+@pytest.mark.parametrize(
+    ("cameras", "status"), [(1, "ambiguous"), (2, "measured"), (3, "measured")]
+)
 def test_a_search_that_was_cut_is_enough_where_half_of_the_cameras_show_the_pose(
     cameras, status, cut_search, monkeypatch
 ):
