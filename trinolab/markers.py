@@ -164,12 +164,17 @@ def find_markers(
     """
     p = parameters or MarkerParameters()
     bright = brightened(image, markers)
-    wanted = math.ceil(p.surplus * as_number(expected, "expected", low=1))
+    wanted = most_markers(as_number(expected, "expected", low=1), p)
     steps, where = _search(bright, wanted, p)
     table = np.array(_once_each(bright, where, wanted, p), dtype=float).reshape(-1, 7)
     return Markers(
         frozen(table[:, :2]), frozen(table[:, 2:4]), frozen(table[:, 4]), frozen(table[:, 5]), steps
     )
+
+
+def most_markers(expected: float, p: MarkerParameters) -> int:
+    """The most markers that are looked for in an image of a handle with `expected` of them."""
+    return math.ceil(p.surplus * expected)
 
 
 def _search(

@@ -21,7 +21,7 @@ class Parameters:
     Attributes
     ----------
     background : BackgroundParameters
-        Used by `tracker.step` alone, like `kalman` and `memory_s`.
+        Used by those who follow the handle, like `kalman` and `memory_s` by `tracker.step` alone.
     kalman : KalmanParameters
     markers : MarkerParameters
     matching : MatchParameters

@@ -70,9 +70,12 @@ def foreign_tables(path: str | Path) -> dict[str, Any] | None:
     tables = _yaml(content) if form == "YAML" else {}
     if any(isinstance(one, dict) and "intrinsics" in one for one in tables.values()):
         return _camchain(tables)
-    if "camera_matrix" in tables:
+    if tables.keys() & {"camera_matrix", "K", "k"}:
         raise ValueError(
-            f"is ROS's camera_info of one camera, which does not say where it stands; {WAY_OUT}"
+            "is ROS's camera_info: the lens of one camera, and a rig has two or more, each with its "
+            "rotation and translation from the world, which this file lacks; give each of them with its "
+            "image_width, image_height, matrix and distortions to trinolab.Camera.from_opencv, and "
+            "all to trinolab.write_rig"
         )
     raise ValueError(f"is another program's {form}, which is not read; {WAY_OUT}")
 

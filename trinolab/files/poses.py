@@ -174,9 +174,11 @@ def read_poses(path: str | Path) -> pd.DataFrame:
         not length 1.
     """
     table = read_csv(path)
-    if "frame" not in table and len(str(table.columns[0]).split()) == 8:
+    if "frame" not in table and len(" ".join(map(str, table.columns)).split()) == 8:
         raise ValueError(
-            f"{path}: is a TUM file, whose poses have times and no frames; give a table of poses (CSV)"
+            f"{path}: is a TUM file by its eight columns: its poses have times and no frames, by which "
+            "poses are joined; give the CSV that track has written beside it, or a table with the columns "
+            f"{', '.join(('frame', *POSE_COLUMNS[1:9]))}"
         )
     return as_poses(table, path)
 

@@ -314,7 +314,9 @@ def open_folder(
     """
     root = _existing(folder)
     if rig is None and not (root / "rig.toml").exists():
-        raise ValueError(f"{root}: not a recording folder with its rig (no rig.toml in it)")
+        raise ValueError(
+            f"{root}: not a recording folder with its rig (no rig.toml in it); --rig gives one"
+        )
     the_rig = rig_of(root / "rig.toml" if rig is None else rig)
     times = root / "timestamps.csv"
     recording = open_recording(
@@ -342,19 +344,29 @@ def find_footage(folder: str | Path, rig: Rig) -> dict[str, Path]:
         If a camera has none, or more than one.
     """
     root = _existing(folder)
+    videos = sorted(path for path in root.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES)
     footage = {}
     for name in rig.names:
-        places = [root / "images" / name, *(root / f"{name}{suffix}" for suffix in VIDEO_SUFFIXES)]
-        existing = [place for place in places if place.exists()]
+        images = [root / "images" / name] if (root / "images" / name).exists() else []
+        existing = images + [video for video in videos if video.stem == name]
         if len(existing) != 1:
-            what = (
-                f"{existing[0].name} and {existing[1].name}"
-                if existing
-                else f"neither images/{name} nor {name}.mkv"
+            what = " and ".join(path.name for path in existing[:2])
+            raise ValueError(
+                f"{root}: expected one folder or video of camera {name}, got "
+                f"{what or f'neither images/{name} nor {name}.mkv{_other_names(videos)}'}"
             )
-            raise ValueError(f"{root}: expected one folder or video of camera {name}, got {what}")
         footage[name] = existing[0]
     return footage
+
+
+def _other_names(videos: Sequence[Path]) -> str:
+    """The way out for videos that are called otherwise than the cameras; nothing without videos."""
+    if not videos:
+        return ""
+    return (
+        f", but {', '.join(path.name for path in videos[:3])}: name them as the cameras, or give "
+        "track, refine and preflight each by --video NAME=PATH"
+    )
 
 
 def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:

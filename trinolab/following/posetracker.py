@@ -3,7 +3,9 @@ everywhere.
 
 The paper's windows follow what moves in each image (`tracker.step`); here they are the projections
 of one predicted pose, so that a camera that is covered for a while, or sees a hand move, knows
-where to look all the same. No background is needed: what is no marker in its place is no marker.
+where to look all the same. What is no marker in its place is no marker: while the handle is followed
+no background is needed. A search of the whole images needs one where more bright spots are seen than
+the handle has markers: what the empty bench shows is none of them (Eq. 5, 6).
 """
 
 from __future__ import annotations
@@ -17,12 +19,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
+from .. import background
 from ..camera import Rig
 from ..checks import Array, as_number, as_transform
 from ..files.recording import Frames
 from ..handle import Handle
 from ..identity import Hypothesis, choose, equivalents, relabel
-from ..markers import Markers
+from ..markers import Markers, most_markers
 from ..measurement import Measurement, as_images, chosen, identified, whole_images
 from ..pose import LOST, Pose
 from ..rigid import apart
@@ -74,6 +77,8 @@ class TrackState(NamedTuple):
         Whether the last measured markers were smeared by the handle's motion.
     cursor : int
         Where the search of the whole images goes on that was cut short, see `identity.search.search`.
+    backgrounds : tuple of ndarray, one per camera, shape (height, width), or None
+        Of the empty bench; None until it shows more spots than are looked at.
     """
 
     t_s: float
@@ -84,6 +89,7 @@ class TrackState(NamedTuple):
     systematic: Array = NOTHING
     blurred: bool = False
     cursor: int = 0
+    backgrounds: tuple[np.ndarray, ...] | None = None
 
 
 class Tracked(NamedTuple):
@@ -115,11 +121,14 @@ class Searched(NamedTuple):
         See `identity.identify`.
     is_complete : bool
         Whether the work was enough for the search: one that was cut short may have missed a rival.
+    backgrounds : tuple of ndarray or None
+        For the next search, see `TrackState`.
     """
 
     found: tuple[Markers, ...]
     hypotheses: list[Hypothesis]
     is_complete: bool
+    backgrounds: tuple[np.ndarray, ...] | None
 
 
 def start(t_s: float, pose: RigidTransform | None = None) -> TrackState:
@@ -230,10 +239,10 @@ def step(
 
     @cache
     def search() -> Searched:
-        return _searched(images, setup, work)
+        return _searched(images, state, setup, work)
 
     if state.motion is None or state.last_measured is None:
-        return _begun(images, t, state.rig, setup, search, work)
+        return _begun(images, t, state, setup, search, work)
     predicted = posefilter.predict(state.motion, t, p.motion)
     first = _guess(predicted, state.blurred, setup)
     as_predicted = follow(images, first, setup, state.rig, work)
@@ -250,9 +259,9 @@ def step(
     # a motion that has just begun may continue nearly anywhere: few cameras say little then
     may_be_chance = posefilter.is_new(state.motion, p.motion) and not all_tried
     if best is not None and (_enough_cameras(best, rig) or not may_be_chance):
-        return _measured(best, state.unambiguous, handle, p)
+        return _measured(best, state, handle, p)
     if t - state.last_measured.t_s > p.memory_s + 1e-9:  # times are rounded
-        return _begun(images, t, state.rig, setup, search, work)
+        return _begun(images, t, state, setup, search, work)
     # The windows of the prediction belong to the pose that is reported.
     state = state._replace(t_s=t, motion=predicted, cursor=work.cursor)
     return state, _predicted_only(as_predicted, state, handle)
@@ -303,7 +312,7 @@ def _further_guesses(
     if shift is not None:
         moved = posefilter.restarted(motion, centre + shift[0], shift[1], last, p.motion)
         yield _guess(moved, state.blurred, setup)
-    _, hypotheses, is_complete = search()
+    _, hypotheses, is_complete, _ = search()
     if not hypotheses:
         return
     T, labels, unambiguous = chosen(hypotheses, images, rig, handle, motion.pose, p)
@@ -314,14 +323,51 @@ def _further_guesses(
         yield _guess(updated, state.blurred, setup)
 
 
-def _searched(images: list[np.ndarray], setup: Setup, work: Work) -> Searched:
-    """Search the whole images, with the work that is not kept for the fit of what is found."""
-    kept = SEARCH_LEAVES * setup.parameters.most_work
+def _searched(images: list[np.ndarray], state: TrackState, setup: Setup, work: Work) -> Searched:
+    """Search the whole images, or what moves in them where there are backgrounds, with the work that
+    is not kept for the fit of what is found.
+    """
+    rig, handle, p = setup
+    backgrounds = state.backgrounds
+    shown = images
+    if backgrounds is not None:
+        shown, backgrounds = _moving(images, backgrounds, setup)
+    kept = SEARCH_LEAVES * p.most_work
     work.remaining -= kept
-    found, hypotheses = identified(images, whole_images(setup.rig), *setup, work)
+    found, hypotheses = identified(shown, whole_images(rig), rig, handle, p, work)
     is_complete = not work.was_cut
     work.remaining += kept
-    return Searched(found, hypotheses, is_complete)
+    # before the handle was ever measured: later, this would be an image of it, too
+    if backgrounds is None and not hypotheses and state.rig is None:
+        most = most_markers(len(handle.marker_centres), p.markers)
+        if any(len(markers.uv) == most for markers in found):
+            background.prepare()
+            backgrounds = tuple(image.astype(np.float32) for image in images)
+    return Searched(found, hypotheses, is_complete, backgrounds)
+
+
+def _moving(
+    images: list[np.ndarray], backgrounds: tuple[np.ndarray, ...], setup: Setup
+) -> tuple[list[np.ndarray], tuple[np.ndarray, ...]]:
+    """What moves in the images by Eq. 5, if anything does, else the images; and the backgrounds that
+    Eq. 6 renews.
+    """
+    _, handle, p = setup
+    renewed, detections = zip(
+        *(
+            background.stepped(image, old, p.background)
+            for image, old in zip(images, backgrounds, strict=True)
+        ),
+        strict=True,
+    )
+    if all(detection.window is None for detection in detections):
+        return images, renewed  # a handle that rests may be there, too
+    ground = 0 if handle.markers == "bright" else 255
+    shown = [
+        np.where(detection.mask, image, image.dtype.type(ground))
+        for image, detection in zip(images, detections, strict=True)
+    ]
+    return shown, renewed
 
 
 def _tracked(followed: Followed, pose: Pose, labels: tuple[np.ndarray, ...]) -> Tracked:
@@ -343,17 +389,22 @@ def _predicted_only(followed: Followed, state: TrackState, handle: Handle) -> Tr
 
 
 def _measured(
-    followed: Followed, unambiguous: bool, handle: Handle, p: FollowParameters
+    followed: Followed, before: TrackState, handle: Handle, p: FollowParameters
 ) -> tuple[TrackState, Tracked]:
     """The state after a pose that continues the motion."""
     motion = followed.guess.motion
     pose = followed.pose
     assert pose.T_world_handle is not None
     after = posefilter.update(motion, pose.T_world_handle, pose.covariance_random, p.motion)
-    tracked = _reported(_tracked(followed, pose, followed.labels), unambiguous, handle)
-    blurred = followed.smear_px > p.blurred_px
-    state = TrackState(
-        motion.t_s, after, after, unambiguous, followed.rig, pose.systematic, blurred
+    tracked = _reported(_tracked(followed, pose, followed.labels), before.unambiguous, handle)
+    state = before._replace(
+        t_s=motion.t_s,
+        motion=after,
+        last_measured=after,
+        rig=followed.rig,
+        systematic=pose.systematic,
+        blurred=followed.smear_px > p.blurred_px,
+        cursor=0,
     )
     return state, tracked
 
@@ -361,7 +412,7 @@ def _measured(
 def _begun(
     images: list[np.ndarray],
     t: float,
-    known: RigState | None,
+    before: TrackState,
     setup: Setup,
     search: Callable[[], Searched],
     work: Work,
@@ -370,21 +421,22 @@ def _begun(
     where a search of the whole images has it.
     """
     rig, handle, p = setup
-    markers, hypotheses, is_complete = search()
+    markers, hypotheses, is_complete, backgrounds = search()
     nothing = tuple(np.full(len(one.uv), -1) for one in markers)
-    lost = TrackState(t, None, None, False, known, cursor=work.cursor)
+    lost = TrackState(t, None, None, False, before.rig, cursor=work.cursor, backgrounds=backgrounds)
     whole = tuple(whole_images(rig))
     nowhere = Tracked(Measurement(LOST, markers, nothing), whole)
     if not hypotheses:
         return lost, nowhere
     T, _, unambiguous = chosen(hypotheses, images, rig, handle, None, p)
     motion = posefilter.begin(t, T, SEARCH_COVARIANCE, p.motion)
-    followed = follow(images, _guess(motion, False, setup), setup, known, work)
+    followed = follow(images, _guess(motion, False, setup), setup, before.rig, work)
     if followed.pose is LOST:
         return lost, nowhere
     # a search that was cut short may have missed a rival, but none that as many cameras would show
     unambiguous &= is_complete or _enough_cameras(followed, rig)
-    state, tracked = _measured(followed, unambiguous, handle, p)
+    found = before._replace(unambiguous=unambiguous, backgrounds=backgrounds)
+    state, tracked = _measured(followed, found, handle, p)
     tracked = tracked._replace(windows=whole)
     if unambiguous or len(handle.symmetries) > 1:
         return state, tracked

@@ -35,6 +35,10 @@ RAYS = 16
 STEP_PX = 0.25
 EDGE_PX = 1.0  # beyond a marker's contour, to where its edge is steepest
 REACH_PX = 5.0  # beyond a marker's edge, to where it has ended
+# The fourth and sixth harmonic of an outline about its centre, by the zeroth: of drawn discs of 8 px
+# and more at most 0.04, of a board's squares of 10 px and more at least 0.07, however slanted.
+ANGULAR = 0.06
+LOOSE_MORE = 4  # times the markers, of spots among which those that are no squares are taken
 # Variance that pixels, and the interpolation between them, add to an edge: px^2.
 PIXELS_PX2 = 0.25
 MOST_EXPOSURE_S = 0.1
@@ -63,6 +67,8 @@ class Spot(NamedTuple):
         Share of its middle's pixels that may be cut off.
     steep : ndarray, shape (16,)
         Of its edge, in directions from 0 to 360 deg from u to v: by the edge's height, 1/px.
+    angular : float
+        How far its outline is from an ellipse, see `ANGULAR`.
     """
 
     instant: int
@@ -76,6 +82,7 @@ class Spot(NamedTuple):
     ground: float
     white: float
     steep: Array
+    angular: float
 
 
 class Seen:
@@ -260,14 +267,20 @@ class Seen:
                 )
 
     def _add_loose(self, images: Sequence[np.ndarray]) -> None:
-        """What looks like a marker: as many as a camera may see, those of the most contrast."""
+        """What looks like a marker, and not like a board's square: as many as a camera may see, those
+        of the most contrast.
+        """
         assert self.handle is not None
         count = len(self.handle.marker_centres)
+        kind = self.handle.markers
         for c, image in enumerate(images):
-            markers = find_markers(image, count, self.handle.markers, LOOSE)
-            best = np.argsort(-markers.contrast)[: max(count // 3, 1)]
-            for n in best:
-                spot = spot_at(image, markers.uv[n], markers.axes_px[n], self.handle.markers)
+            markers = find_markers(image, LOOSE_MORE * count, kind, LOOSE)
+            spots = [
+                spot_at(image, markers.uv[n], markers.axes_px[n], kind)
+                for n in np.argsort(-markers.contrast)
+            ]
+            round_ones = [spot for spot in spots if spot.angular < ANGULAR]
+            for spot in round_ones[: max(count // 3, 1)]:
                 self.loose_spots.append(spot._replace(instant=len(self.poses) - 1, camera=c))
 
 
@@ -291,34 +304,57 @@ def spot_at(image: np.ndarray, uv: Array, axes_px: Array, kind: str) -> Spot:
     around = patch[(radius > major / 2 + 1.5) & (radius <= major / 2 + REACH_PX)]
     grey, ground = float(np.median(middle)), float(np.median(around))
     bright = patch if kind == "bright" else 255.0 - patch
+    centre = np.array(uv, float) - [u, v] + reach
+    radii = np.arange(0.0, major / 2 + REACH_PX, STEP_PX)
+    rays = _rays(bright, centre, radii)
     return Spot(
         *(-1, -1, -1, np.array(uv, float), major, minor / major, abs(grey - ground), grey, ground),
         white=float((middle >= WHITE).mean()),
-        steep=_steepness(bright, np.array(uv, float) - [u, v] + reach, major),
+        steep=_steepness(rays, radii, major),
+        angular=_angularity(rays, radii),
     )
 
 
-def _steepness(patch: np.ndarray, centre: Array, major_px: float) -> Array:
-    """The largest fall of grey along rays from a bright spot's centre, by the fall from its middle
-    to its surroundings, 1/px.
-    """
-    radii = np.arange(0.0, major_px / 2 + REACH_PX, STEP_PX)
+def _rays(patch: np.ndarray, centre: Array, radii: Array) -> np.ndarray:
+    """The greys at some radii along rays from a spot's centre, shape (16, radii)."""
     angles = 2 * np.pi * np.arange(RAYS) / RAYS
     u = centre[0] + np.cos(angles)[:, None] * radii
     v = centre[1] + np.sin(angles)[:, None] * radii
-    grey = cv2.remap(
+    return cv2.remap(
         patch,
         u.astype(np.float32),
         v.astype(np.float32),
         cv2.INTER_LINEAR,
         borderMode=cv2.BORDER_REPLICATE,
     )
+
+
+def _steepness(grey: np.ndarray, radii: Array, major_px: float) -> Array:
+    """The largest fall of grey along rays from a bright spot's centre, by the fall from its middle
+    to its surroundings, 1/px.
+    """
     # a pixel's distance: what one pixel's noise does along less of it is no edge
     step = round(1 / STEP_PX)
     near = radii[:-step] < major_px / 2 + EDGE_PX  # farther out are the edges of others
     fall = (grey[:, :-step] - grey[:, step:])[:, near].max(axis=1)
     height = grey[:, : max(step, 1)].mean(axis=1) - grey.min(axis=1)
     return fall / np.maximum(height, 1.0)
+
+
+def _angularity(grey: np.ndarray, radii: Array) -> float:
+    """The share of an outline that no ellipse has, where the greys along rays from a bright spot's
+    centre have fallen halfway.
+
+    The radius r of an ellipse makes 1/r^2 a constant with a second harmonic; that of a square has
+    a fourth one, if it is slanted a sixth one as well.
+    """
+    half = (grey[:, :4].mean() + np.median(grey.min(axis=1))) / 2
+    below = grey[:, 1:] < half
+    out = np.where(below.any(axis=1), below.argmax(axis=1), len(radii) - 2)
+    before, after = np.take_along_axis(grey, out[:, None] + [0, 1], axis=1).T
+    part = np.clip((before - half) / np.maximum(before - after, 1e-6), 0.0, 1.0)
+    harmonics = np.abs(np.fft.rfft((radii[out] + STEP_PX * part + 1e-6) ** -2))
+    return float(np.hypot(harmonics[4], harmonics[6]) * np.sqrt(2) / harmonics[0])
 
 
 def _steepness_by(steep: Array, velocity: Array) -> tuple[float, float]:

@@ -65,8 +65,8 @@ EXTRAS = {
 }
 
 
-# They answer at once, ask a question, or run until they are stopped.
-UNWATCHED = ("eq", "clear", "live")
+# They answer at once, ask a question, run until they are stopped, or run commands that are watched.
+UNWATCHED = ("eq", "clear", "live", "run")
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -370,8 +370,12 @@ def _number(text: str) -> float:
 
 
 def _counted(table: pd.DataFrame) -> str:
-    """How many instants, and how many of each status."""
-    return f"{len(table)} instants: {_statuses(table)}"
+    """How many instants, and how many of each status; those before the first pose count apart."""
+    since = (table["status"] != "lost").cummax()
+    if since.all() or not since.any():
+        return f"{len(table)} instants: {_statuses(table)}"
+    before = int((~since).sum())
+    return f"{len(table)} instants: {_statuses(table[since])}, {before} before the first pose"
 
 
 def _statuses(table: pd.DataFrame) -> str:
@@ -408,6 +412,12 @@ def _preflight(a: argparse.Namespace) -> int:
     table = preflight(a.folder, sources, a.rig, a.handle, a.fps, a.timestamps, a.out)
     say("\n".join(as_lines(table)))
     return int(overall(table) == NOT_USABLE)
+
+
+def _run(a: argparse.Namespace) -> int:
+    from .run import run
+
+    return run(a.folder, main, lambda line: say(f"{a.folder}$ {line}"))
 
 
 def _capture(a: argparse.Namespace) -> int:
@@ -779,6 +789,7 @@ _RUN = {
     "measure": _measure,
     "kit": _kit,
     "preflight": _preflight,
+    "run": _run,
     "track": _track,
     "refine": _refine,
     "evaluate": _evaluate,

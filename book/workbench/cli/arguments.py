@@ -8,7 +8,8 @@ A test runs each command's example.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
 from typing import Any, NamedTuple, NoReturn
 
 from trinolab import __version__
@@ -67,36 +68,33 @@ def flag(name: str, about: str) -> Option:
 # options of several commands
 CHECK = flag(
     "--check",
-    "check the paper's poses against the pixels (--method paper); who follows the handle "
-    "always does",
+    "check the paper's poses against the pixels (--method paper); a handle that is followed is "
+    "always checked",
 )
 BITS = option(
     "--bits N",
-    "that the cameras have, of files of 16 (default: as few as hold some of their images)",
+    "bits per pixel of cameras whose files have 16 (default: the fewest that hold their first images)",
 )
 DEVICE_FPS = option("--fps F", "frames per second to ask of cameras, or to play videos with")
-FOOTAGE = option(
-    "folder RECORDING",
-    "a recording folder; --rig and --handle replace its own files. Without one all of --rig, "
-    "--handle and --video are needed. track reads a ROS 2 bag as well",
-    nargs="?",
-)
+REPLACED = "a recording folder; --rig and --handle replace its own files"
 FPS = option("--fps F", "frames per second (default: what the videos state, or else 30)")
 HANDLE = option(
     "--handle HANDLE.toml",
-    "the handle and its markers: a file, or a shipped one by its name, as coded",
+    "the handle and its markers: a file, or a shipped one by its name, such as coded",
 )
 METHOD = option(
     "--method METHOD",
-    f"the estimator: {', '.join(METHODS)} (default: %(default)s). paper is the paper's, best is "
-    "patches",
+    f"the estimator: {', '.join(METHODS)} (default: %(default)s). paper is the paper's own, "
+    "best the same as patches",
     default=DEFAULT,
 )
 OLDER = option("--recording", argparse.SUPPRESS, dest="older")
-RIG = option("--rig RIG.toml", "the cameras: a file, or a shipped rig by its name, as raised_40deg")
+RIG = option(
+    "--rig RIG.toml", "the cameras: a file, or a shipped rig by its name, such as raised_40deg"
+)
 ROBOT = option("--robot ARM.xml", "a shipped arm, or a file (default: %(default)s)", default="ur5")
-SEED = option("--seed N", "of what is drawn at random (default: %(default)s)", default=0)
-TIMESTAMPS = option("--timestamps CSV", "columns 'frame' and 't_s' (s)")
+SEED = option("--seed N", "of the random draws (default: %(default)s)", default=0)
+TIMESTAMPS = option("--timestamps CSV", "the times of the frames: columns 'frame' and 't_s' (s)")
 VIDEO = several(
     "--video NAME=PATH",
     "for each camera a video, or a folder of images (in the order of their names)",
@@ -136,7 +134,11 @@ COMMANDS = (
         "follow the handle through a recording",
         "trinolab track recording --out poses.csv --overlay seen.webm",
         [
-            FOOTAGE,
+            option(
+                "folder RECORDING",
+                f"{REPLACED}; or a ROS 2 bag. Without one all of --rig, --handle and --video are needed",
+                nargs="?",
+            ),
             RIG,
             HANDLE,
             VIDEO,
@@ -158,7 +160,7 @@ COMMANDS = (
         "compare poses with their truth (Eq. 26, 27, flips, losses)",
         "trinolab evaluate poses.csv recording/truth.csv --handle coded",
         [
-            option("poses POSES.csv", "what track or measure has written"),
+            option("poses POSES.csv", "the poses that track or measure has written"),
             option(
                 "truth TRUTH.csv",
                 "the true poses, joined on 'frame'; refused where times or places show that the frames "
@@ -178,15 +180,14 @@ COMMANDS = (
         [
             option(
                 "folder RECORDING",
-                "a recording folder; --rig and --handle replace its own files. Without one all of --rig, "
-                "--handle and --images are needed",
+                f"{REPLACED}. Without one all of --rig, --handle and --images are needed",
                 nargs="?",
             ),
             RIG,
             HANDLE,
             option(
                 "--images DIR",
-                "holds a folder per camera, named as in the rig, the same file names in each; a pose's "
+                "holds one folder per camera, named as in the rig, the same file names in each; a pose's "
                 "frame is the number in the name, where the names differ in their numbers alone, else "
                 "they count from 0",
             ),
@@ -219,7 +220,12 @@ COMMANDS = (
                 "a sheet of 80 g/m2)",
                 default=0.1,
             ),
-            option("--paper", "(default: %(default)s)", choices=["a4", "letter"], default="a4"),
+            option(
+                "--paper",
+                "size of the sheets (default: %(default)s)",
+                choices=["a4", "letter"],
+                default="a4",
+            ),
             option(
                 "--out KIT.pdf",
                 "the pages; KIT_NAME.toml beside it is the handle file of each wrap",
@@ -323,7 +329,11 @@ COMMANDS = (
         "judge a set-up by a recording: light, focus, exposure, time, baseline, calibration",
         "trinolab preflight recording",
         [
-            FOOTAGE,
+            option(
+                "folder RECORDING",
+                f"{REPLACED}, and may be missing. Without one --video is needed",
+                nargs="?",
+            ),
             RIG,
             HANDLE,
             VIDEO,
@@ -333,11 +343,39 @@ COMMANDS = (
         ],
     ),
     Command(
+        "run",
+        "calibrate, check, track and evaluate in a folder, from the first missing output on",
+        "trinolab run recording",
+        [
+            option(
+                "folder FOLDER",
+                "a recording folder; what it lacks is in its project.toml. It gets rig.toml, preflight.csv, "
+                "poses.csv, poses.tum and seen.webm",
+            ),
+        ],
+        note="""
+
+a project.toml: options of preflight and track, and below [calibrate] those of
+calibrate; paths start in the folder; a rig may take the place of [calibrate]:
+  handle = "coded"
+  video = { ccd1 = "left.avi", ccd2 = "right.avi" }
+  [calibrate]
+  images = { ccd1 = "board/left.avi", ccd2 = "board/right.avi" }
+  board = "chessboard"
+  columns = 9
+  rows = 6
+  square = 25""",
+    ),
+    Command(
         "refine",
         "improve a rig and a handle file by a recording of the moving handle",
         "trinolab refine slow --out refined",
         [
-            FOOTAGE,
+            option(
+                "folder RECORDING",
+                f"{REPLACED}. Without one all of --rig, --handle and --video are needed",
+                nargs="?",
+            ),
             RIG,
             HANDLE,
             VIDEO,
@@ -483,7 +521,7 @@ COMMANDS = (
             option(
                 "-p --parameter NAME=VALUES",
                 "a:b:n, n values from a to b; log:a:b:n, the same in equal ratios; a list like 0,1,2 "
-                "(TOML literals); @FILE.csv, a column per parameter and a row per run. Each is combined with "
+                "(TOML literals); @FILE.csv, one column per parameter and one row per run. Each is combined with "
                 "each",
                 action="append",
             ),
@@ -504,7 +542,7 @@ COMMANDS = (
                     "of a Dask cluster that runs already, like tcp://host:8786: its workers run the notebooks",
                 ),
             ],
-            flag("--fresh-kernels", "the same as --whole"),
+            flag("--fresh-kernels", argparse.SUPPRESS),
             option(
                 "--timeout S",
                 "the longest time that a cell may take (default: as long as it takes; a first run may "
@@ -533,7 +571,7 @@ COMMANDS = (
         [
             option(
                 "folders RECORDING",
-                "recording folders in the place of rendered images; then the tests are run that need no "
+                "recording folders instead of rendered images; then the tests are run that need no "
                 "truth: jitter if the handle rests, a pointer if it turns about one point, availability",
                 nargs="*",
             ),
@@ -579,14 +617,14 @@ COMMANDS = (
             ),
             option(
                 "--all DIR",
-                "the folder of a class: in it a folder per student, and in that a file per chapter, as in "
+                "the folder of a class: in it one folder per student with one file per chapter, such as "
                 "04_kalman.ipynb, or files as Canvas names them; what is checked already is not checked "
                 "again. Each file runs as a program: inside bwrap where that works, else with your rights",
                 dest="folder",
             ),
             option(
                 "--out FILE",
-                "the table to write: with --all, points and what is said, a row per student (default: "
+                "the table to write: with --all, points and remarks, one row per student (default: "
                 "points.csv in the class's folder)",
             ),
         ],
@@ -605,7 +643,7 @@ COMMANDS = (
         "say where an equation of the paper is: function, file and line, test, chapter",
         "trinolab eq 18",
         [
-            option("number", "1 to 27; without one, all of them", type=int, nargs="?"),
+            option("number NUMBER", "1 to 27; without one, all of them", type=int, nargs="?"),
         ],
     ),
     Command(
@@ -625,8 +663,35 @@ class _Parser(argparse.ArgumentParser):
     def __init__(self, **settings: Any) -> None:
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **settings)
 
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Refuse an unknown option first, and in the name of the command that was given it."""
+        known = self._option_string_actions
+        for word in [] if self._subparsers else args:
+            if word == "--":
+                break  # what follows are no options
+            name = word.partition("=")[0]
+            if name.startswith("--") and not any(option.startswith(name) for option in known):
+                self.error(f"unrecognized arguments: {name}{_nearest(name, known)}")
+        namespace, unknown = super().parse_known_args(args, namespace)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return namespace, unknown
+
+    def _check_value(self, action: argparse.Action, value: Any) -> None:
+        """Refuse what is none of the choices, which are named if none of them is near."""
+        choices = [] if action.choices is None else list(map(str, action.choices))
+        if choices and str(value) not in choices:
+            meant = _nearest(str(value), choices) or f" (choose from {', '.join(choices)})"
+            raise argparse.ArgumentError(action, f"invalid choice: {value!r}{meant}")
+
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def _nearest(word: str, words: Iterable[str]) -> str:
+    """The word that was likely meant, as the end of a refusal; nothing if none is near."""
+    near = get_close_matches(word, words, 1)
+    return f", did you mean {near[0]}?" if near else ""
 
 
 def parser() -> argparse.ArgumentParser:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -15,8 +16,16 @@ from tqdm.contrib.logging import logging_redirect_tqdm
 from trinolab.camera import Rig
 from trinolab.default_covariance import assumed
 from trinolab.files.outputs import check_targets
-from trinolab.files.poses import contradictions, pose_table, poses_by_frame, read_poses, write_poses
+from trinolab.files.poses import (
+    POSE_COLUMNS,
+    contradictions,
+    pose_row,
+    poses_by_frame,
+    read_poses,
+    write_poses,
+)
 from trinolab.files.recording import (
+    Frames,
     instants,
     list_instants,
     open_folder,
@@ -29,7 +38,6 @@ from trinolab.handle import Handle
 from trinolab.measurement import measure
 from trinolab.methods import DEFAULT, estimator_of
 from trinolab.parameters import Parameters
-from trinolab.pose import Pose
 from trinolab.sensitivity import is_uncertain
 
 log = logging.getLogger("trinolab")
@@ -82,16 +90,14 @@ def measure_folder(
     frames = [instant.frame for instant in listed]
     expected = {} if prior is None else _expected(prior, frames)
     check_targets([out], [rig, handle, *([prior] if prior else [])])
-    pictures = read_instants(listed, the_rig)
-    poses = _measured(
-        zip(frames, pictures, strict=True),
+    table = _measured(
+        map(Frames, frames, repeat(np.nan), read_instants(listed, the_rig)),
         len(listed),
         (the_rig, the_handle),
         expected,
         Parameters(estimator=estimator_of(method), check=check),
         progress,
     )
-    table = pose_table(poses, frames=frames)
     _conclude(
         table,
         out,
@@ -128,45 +134,42 @@ def measure_recording(
     recording, the_handle = open_folder(folder, rig, handle)
     # of a video the header says how many frames it has, which need not be so
     expected = {} if prior is None else _expected(prior, range(max(recording.length, 1)))
-    own = [rig or Path(folder, "rig.toml"), handle or Path(folder, "handle.toml")]
-    own += [recording.times_from, *([prior] if prior else [])]
-    check_targets([out], own)
-    times: list[float] = []
-    frames: list[int] = []
-
-    def pictures() -> Iterator[tuple[int, list[np.ndarray]]]:
-        for now in instants(recording):
-            frames.append(now.frame)
-            times.append(now.t_s)
-            yield now.frame, now.images
-
+    names = rig or Path(folder, "rig.toml"), handle or Path(folder, "handle.toml")
+    check_targets([out], [*names, recording.times_from, *([prior] if prior else [])])
     of = (recording.rig, the_handle)
     parameters = Parameters(estimator=estimator_of(method), check=check)
-    poses = _measured(pictures(), recording.length, of, expected, parameters, progress)
-    table = pose_table(poses, times, frames)
-    names = rig or Path(folder, "rig.toml"), handle or Path(folder, "handle.toml")
+    table = _measured(instants(recording), recording.length, of, expected, parameters, progress)
+    frames = table["frame"]
 
     def images_of(rows: list[int]) -> Iterator[Sequence[np.ndarray]]:
-        return (now.images for now in some_instants(recording, [frames[k] for k in rows]))
+        return (now.images for now in some_instants(recording, frames.iloc[rows].tolist()))
 
     _conclude(table, out, of, names, images_of)
     return table
 
 
 def _measured(
-    pictures: Iterable[tuple[int, list[np.ndarray]]],
+    taken: Iterable[Frames],
     count: int,
     of: tuple[Rig, Handle],
     expected: Mapping[int, RigidTransform],
     parameters: Parameters,
     progress: bool,
-) -> list[Pose]:
-    """The pose of each instant: of its frame's number, and its images."""
+) -> pd.DataFrame:
+    """The table of the poses of all instants."""
     with (
         logging_redirect_tqdm(),
-        tqdm(pictures, total=count, unit="instant", disable=None if progress else True) as bar,
+        tqdm(taken, total=count, unit="instant", disable=None if progress else True) as bar,
     ):
-        return [measure(images, *of, expected.get(frame), parameters).pose for frame, images in bar]
+        rows = [
+            pose_row(
+                now.frame,
+                now.t_s,
+                measure(now.images, *of, expected.get(now.frame), parameters).pose,
+            )
+            for now in bar
+        ]
+    return pd.DataFrame(rows, columns=list(POSE_COLUMNS))
 
 
 def _conclude(

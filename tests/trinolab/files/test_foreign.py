@@ -99,7 +99,11 @@ NAMED = {
     "other.xml": (b"<rig/>", "another program's XML"),
     "rig.json": (json.dumps({"left": {"K": K.tolist()}}).encode(), "another program's JSON"),
     "rig.yaml": (b"left: 3\n", "another program's YAML"),
-    "ost.yaml": (b"image_width: 640\ncamera_matrix:\n  rows: 3\n", "ROS's camera_info of one"),
+    "ost.yaml": (
+        b"image_width: 640\ncamera_matrix:\n  rows: 3\n",
+        "ROS's camera_info: .* rotation and translation .* which this file lacks; .*from_opencv",
+    ),
+    "echoed.yaml": (b"height: 480\nwidth: 640\nd: [0.1]\nk: [700.0]\n", "ROS's camera_info"),
     "fisheye.yaml": (CAMCHAIN.replace("radtan", "equidistant").encode(), "the lens radtan, got"),
     "short.yaml": (CAMCHAIN.replace("T_cn_cnm1", "T_cam_imu").encode(), "T_cn_cnm1: expected 4 x"),
     "text.yaml": (b"a: [1, {", "no valid YAML"),

@@ -53,11 +53,17 @@ def test_tables_of_others_are_read(tmp_path, content):
     assert read_timestamps(path).tolist() == [0.5, 1.25]
 
 
-def test_a_tum_file_and_other_text_are_named(tmp_path):
+@pytest.mark.parametrize("separator", [" ", "\t", ",", "  "])
+@pytest.mark.parametrize("head", ["", "# timestamp tx ty tz qx qy qz qw\n", "#\n# of evo\n"])
+def test_a_tum_file_is_named(head, separator, tmp_path):
     path = tmp_path / "p.csv"
-    path.write_text("# timestamp tx ty tz qx qy qz qw\n0.5 0.1 0.2 0.3 0 0 0 1\n")
-    with pytest.raises(ValueError, match=r"p\.csv: is a TUM file"):
+    path.write_text(head + "0.5 0.1 0.2 0.3 0 0 0 1".replace(" ", separator) + "\n")
+    with pytest.raises(ValueError, match=r"p\.csv: is a TUM file .* frame, t_s, x_mm, y_mm, z_mm"):
         read_poses(path)
+
+
+def test_other_text_is_named(tmp_path):
+    path = tmp_path / "p.csv"
     path.write_bytes("frame,größe\n1,2\n".encode("latin-1"))
     with pytest.raises(ValueError, match=r"no valid CSV \(its text is not UTF-8\)"):
         read_csv(path)

@@ -274,3 +274,35 @@ def test_an_image_that_cannot_be_written_leaves_none_half_written(tmp_path):
     with pytest.raises(ValueError, match=r"a\.png: cannot be written"):
         recording_writer.write_image(np.zeros((3, 4), np.uint8), tmp_path / "a.png")
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+
+
+@pytest.mark.parametrize("suffix", [".avi", ".AVI", ".MP4", ".mkv"])
+def test_a_folder_of_videos_is_a_recording(suffix, tmp_path):
+    rig = load_rig("raised_40deg")
+    for name in (*rig.names, "notes"):
+        (tmp_path / f"{name}{suffix}").touch()
+    places = {name: tmp_path / f"{name}{suffix}" for name in rig.names}
+    assert find_footage(tmp_path, rig) == places
+
+
+@pytest.mark.parametrize(
+    ("files", "said"),
+    [
+        (
+            ("left.avi", "right.avi", "top.avi"),
+            "got neither images/ccd1 nor ccd1.mkv, but left.avi, right.avi, top.avi: name them as the "
+            "cameras, or give track, refine and preflight each by --video NAME=PATH",
+        ),
+        (("ccd1.avi", "ccd1.mp4"), "camera ccd1, got ccd1.avi and ccd1.mp4"),
+        (
+            ("ccd1.avi", "ccd2.avi"),
+            "camera ccd3, got neither images/ccd3 nor ccd3.mkv, but ccd1.avi",
+        ),
+        ((), "got neither images/ccd1 nor ccd1.mkv$"),
+    ],
+)
+def test_videos_called_otherwise_are_named_with_the_way_out(files, said, tmp_path):
+    for name in files:
+        (tmp_path / name).touch()
+    with pytest.raises(ValueError, match=said):
+        find_footage(tmp_path, load_rig("raised_40deg"))

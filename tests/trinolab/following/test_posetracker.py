@@ -5,6 +5,7 @@ smeared.
 from dataclasses import replace
 from functools import cache
 
+import cv2
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -389,7 +390,9 @@ def cut_search(monkeypatch):
     monkeypatch.setattr(posetracker, "identified", identified)
 
 
-@pytest.mark.parametrize(("cameras", "status"), [(1, "ambiguous"), (2, "measured"), (3, "measured")])
+@pytest.mark.parametrize(
+    ("cameras", "status"), [(1, "ambiguous"), (2, "measured"), (3, "measured")]
+)
 def test_a_search_that_was_cut_is_enough_where_half_of_the_cameras_show_the_pose(
     cameras, status, cut_search, monkeypatch
 ):
@@ -452,6 +455,68 @@ def test_a_track_is_the_same_to_the_last_bit():
             if a.T_world_handle is not None:
                 assert (a.T_world_handle.as_matrix() == b.T_world_handle.as_matrix()).all()
                 assert (a.covariance == b.covariance).all()
+
+
+def with_spots(frames, count, grey=240.0):
+    """The images with still spots of the size of markers and more, each with the noise of a pixel."""
+    rng = np.random.default_rng(1)
+    lit = []
+    for camera in RIG.cameras:
+        lamps = np.zeros(camera.size[::-1])
+        for centre in (
+            rng.uniform(30.0, np.array(camera.size) - 30.0, (count, 2)).round().astype(int)
+        ):
+            cv2.circle(lamps, tuple(centre.tolist()), int(rng.integers(4, 9)), 1.0, -1, cv2.LINE_AA)
+        lit.append(lamps)
+    return [
+        [
+            np.clip(np.rint((1 - k) * i + k * rng.normal(grey, 3.0, i.shape)), 0, 255).astype(
+                np.uint8
+            )
+            for i, k in zip(images, lit, strict=True)
+        ]
+        for images in frames
+    ]
+
+
+def states_and_poses(frames):
+    state, states, poses = posetracker.start(-1 / FPS), [], []
+    for k, images in enumerate(frames):
+        state, one = posetracker.step(state, images, k / FPS, RIG, CODED, BEST)
+        states.append(state)
+        poses.append(one.measurement.pose)
+    return states, poses
+
+
+def off_mm(pose, k):
+    return float(np.linalg.norm(pose.T_world_handle.translation - path(k).translation))
+
+
+@pytest.mark.slow
+def test_what_the_empty_bench_shows_is_no_marker():
+    """Of spots that are brighter than the markers there are more than are looked at."""
+    empty = 3
+    states, poses = states_and_poses(with_spots(clip(CODED, 6, range(empty)), 40))
+    assert [pose.status for pose in poses] == ["lost"] * empty + ["measured"] * 3
+    assert max(off_mm(poses[k], k) for k in range(empty, 6)) < 0.05
+    assert all(state.backgrounds is not None for state in states)
+
+
+def test_few_spots_need_no_background():
+    states, poses = states_and_poses(with_spots(clip(CODED, 2, (0,)), 5))
+    assert [pose.status for pose in poses] == ["lost", "measured"]
+    assert [state.backgrounds for state in states] == [None, None]
+
+
+def test_where_nothing_moves_the_whole_images_are_searched():
+    """A handle that rests has been in the background from the first instant on."""
+    rests = [render_rig(RIG, CODED, path(0), Bench(), np.random.default_rng(k)) for k in range(2)]
+    state = posetracker.start(-1.0)._replace(
+        backgrounds=tuple(image.astype(np.float32) for image in rests[0])
+    )
+    _, one = posetracker.step(state, rests[1], 0.0, RIG, CODED, BEST)
+    assert one.measurement.pose.status == "measured"
+    assert off_mm(one.measurement.pose, 0) < 0.05
 
 
 @pytest.fixture(scope="module")

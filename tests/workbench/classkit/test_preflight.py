@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
+from boards import board_frames
 from healthy import run
 from pages import page_says
 from scipy.ndimage import gaussian_filter1d
@@ -193,6 +194,28 @@ def test_images_alone_and_without_a_handle(tmp_path):
             *(criteria.ANGLE, criteria.COST),
         )
     }
+
+
+def test_a_board_s_squares_are_no_markers(tmp_path):
+    """A chessboard alone shows nothing like a marker; beside the rod it changes no row about it."""
+
+    def seen(name, frames):
+        folder = record(tmp_path / name, frames, rig=False)
+        return preflight(folder, progress=False).set_index("what")
+
+    views, _ = board_frames(4)
+    table = seen("board", [[view] * 3 for view in views])
+    assert table.loc[criteria.CONTRAST.what, "measured"] == "nothing like a marker was found"
+    rod = clip()[:4]
+    beside = [[image.copy() for image in images] for images in rod]
+    for images, view in zip(beside, views, strict=True):
+        for image in images:
+            image[:120, :160] = view[120:240, 160:320]
+    alone, both = seen("rod", rod), seen("both", beside)
+    for criterion in (criteria.SIZE, criteria.FOCUS, criteria.CONTRAST):
+        assert verdict(both, criterion) == verdict(alone, criterion)
+    change = both["value"] / alone["value"]
+    assert 0.8 < change[criteria.SIZE.what] < 1.25
 
 
 def test_what_the_calibration_costs_is_what_drawn_calibrations_cost():

@@ -43,6 +43,7 @@ COMMANDS = (
     "kit",
     "capture",
     "preflight",
+    "run",
     "render",
     "teleop",
     "accept",
@@ -373,6 +374,51 @@ def test_a_source_is_named_once(line, said, capfd):
     assert run(line) == 2
     (refusal,) = capfd.readouterr().err.splitlines()
     assert said in refusal
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("trak rec", "trinolab: argument COMMAND: invalid choice: 'trak', did you mean track?"),
+        ("clibrate", "trinolab: argument COMMAND: invalid choice: 'clibrate', did you mean calib"),
+        ("xyzzy", "trinolab: argument COMMAND: invalid choice: 'xyzzy' (choose from render, tr"),
+        (
+            "track rec --out p --overly x",
+            "trinolab track: unrecognized arguments: --overly, did you mean --overlay?; see "
+            "trinolab track --help",
+        ),
+        ("eq 18 19", "trinolab eq: unrecognized arguments: 19; see trinolab eq --help"),
+        (
+            "preflight rec --methd=paper",
+            "trinolab preflight: unrecognized arguments: --methd; see",
+        ),
+        (
+            "kit --handle coded --out k --paper a5",
+            "trinolab kit: argument --paper: invalid choice: 'a5' (choose from a4, letter); see",
+        ),
+        ("evaluate p t --handel coded", "trinolab evaluate: unrecognized arguments: --handel, did"),
+    ],
+)
+def test_a_mistyped_word_is_named_with_its_command_and_its_neighbour(line, said, capfd):
+    assert run(line) == 2
+    (refusal,) = capfd.readouterr().err.splitlines()
+    assert refusal.startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("statuses", "said"),
+    [
+        ("llmm", "4 instants: 2 measured, 2 before the first pose"),
+        ("mmlm", "4 instants: 3 measured, 1 lost"),
+        ("lamll", "5 instants: 2 lost, 1 ambiguous, 1 measured, 1 before the first pose"),
+        ("ll", "2 instants: 2 lost"),
+        ("mm", "2 instants: 2 measured"),
+    ],
+)
+def test_instants_before_the_first_pose_count_apart(statuses, said):
+    names = {"l": "lost", "m": "measured", "a": "ambiguous"}
+    table = pd.DataFrame({"status": [names[letter] for letter in statuses]})
+    assert cli._counted(table) == said
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,7 @@ def test_what_is_read_first_is_positional_and_all_numbers_have_a_unit(command):
     for action in shown:
         if action.type is float:
             said = f"{action.metavar} {action.help}"
-            unit = r"\bMM\b|\bmm\b|\bS\b|a second|RATIO"
+            unit = r"\bMM\b|\bmm\b|\bS\b|per second|RATIO"
             assert re.search(unit, said), f"{command} {action.option_strings}"
 
 
@@ -120,7 +120,9 @@ def test_render(page, ran):
 @pytest.mark.slow
 def test_track(ran, page):
     out = ran("track")
-    assert out.startswith(f"{INSTANTS} instants: {INSTANTS - EMPTY} measured, {EMPTY} lost")
+    assert out.startswith(
+        f"{INSTANTS} instants: {INSTANTS - EMPTY} measured, {EMPTY} before the first pose; "
+    )
     assert (page[0] / "seen.webm").stat().st_size > 1000
 
 
@@ -189,6 +191,14 @@ def test_calibrate(ran, page):
 def test_preflight(ran):
     """Good or not: of eight instants with a second left out among them no verdict is asked."""
     assert "ccd1" in ran("preflight", codes=(0, 1))
+
+
+@pytest.mark.slow
+def test_run(ran, page):
+    """All in the folder of the recording, whose rig is known."""
+    steps = re.findall(r"^recording\$ trinolab (\w+)", ran("run", codes=(0, 1)), re.MULTILINE)
+    assert steps == ["preflight", "track", "evaluate"]
+    assert (page[0] / "recording" / "seen.webm").stat().st_size > 1000
 
 
 @pytest.mark.heavy

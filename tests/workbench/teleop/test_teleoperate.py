@@ -100,7 +100,7 @@ def test_the_command_with_its_video_and_a_clutch(recording, tmp_path, capsys):
         == 0
     )
     out = capsys.readouterr().out
-    assert out.startswith("18 instants: 12 measured, 6 lost; ")
+    assert out.startswith("18 instants: 12 measured, 6 before the first pose; ")
     assert out.endswith(f"0 holds; written to {tmp_path / 'new'}\n")
     events = pd.read_csv(tmp_path / "new" / "events.csv")
     # another scale holds from the next closing on
