@@ -233,7 +233,7 @@ def _calibrate(a: argparse.Namespace) -> int:
 
     def picture(*of: Any) -> bytes:
         """Loads matplotlib, which a refusal need not wait for."""
-        from ..plotting import picture_of_residuals
+        from ..plotting.calibration import picture_of_residuals
 
         return picture_of_residuals(*of)
 

@@ -17,8 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
 from ..imports import PACKAGES, import_graph
-from ..plotting import COLOURS
-from ..plotting.basics import subplots
+from ..plotting.basics import COLOURS, subplots
 from .reference import first_line
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -8,7 +8,6 @@ from itertools import pairwise
 from typing import Any
 
 import matplotlib
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
@@ -82,22 +81,6 @@ def plot_error_map(
     bar.ax.tick_params(which="both", labelsize=8)
     ax.set(xlabel=labels[0], ylabel=labels[1], aspect="equal")
     ax.grid(alpha=0.3)
-    return figure
-
-
-def plot_uncertainty_map(
-    x_mm: ArrayLike, z_mm: ArrayLike, depth_mm: ArrayLike, across_mm: ArrayLike
-) -> Figure:
-    """Standard uncertainties (n, m) over z (n,) and x (m,), along the first camera's axis and across
-    it; NaN is left white.
-    """
-    x, z = as_array(x_mm, "x_mm", (None,)), as_array(z_mm, "z_mm", (None,))
-    figure, axes = plt.subplots(1, 2, figsize=(7.2, 3.6), sharey=True, layout="constrained")
-    for ax, values, name in zip(axes, (depth_mm, across_mm), ("depth", "across"), strict=True):
-        mesh = ax.pcolormesh(x, z, np.asarray(values, float), cmap="viridis", shading="nearest")
-        figure.colorbar(mesh, ax=ax, label=f"standard uncertainty, {name} / mm", shrink=0.85)
-        ax.set(xlabel="x / mm", aspect="equal")
-    axes[0].set(ylabel="z / mm")
     return figure
 
 

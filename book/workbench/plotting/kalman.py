@@ -16,8 +16,7 @@ from scipy.special import chdtri
 from trinolab.checks import as_array, as_points
 from trinolab.window import Window
 
-from .basics import COLOURS, show_image, subplots
-from .markers import outline
+from .basics import COLOURS, mark_window, show_image, subplots
 
 MARGIN_PX = 40  # of the image around the search window
 
@@ -105,8 +104,8 @@ def plot_prediction(
     axes_px = 2 * np.sqrt(chdtri(2, 1 - gate_probability) * values)
     angle_deg = np.rad2deg(np.arctan2(vectors[1, 0], vectors[0, 0]))
     ax = show_image(image)
-    outline(ax, before, COLOURS[3], "markers, one instant ago")
-    outline(ax, window, COLOURS[1], "search window")
+    mark_window(ax, before, "markers, one instant ago", COLOURS[3])
+    mark_window(ax, window, "search window")
     u, v = as_array(predicted, "predicted", (2,))
     ax.plot(u, v, "x", color=COLOURS[1], label="prediction")
     gate = Ellipse(

@@ -5,15 +5,15 @@ import numpy as np
 import pytest
 
 from trinolab.window import Window
-from workbench.plotting import (
+from workbench.plotting.kalman import (
     plot_beliefs,
-    plot_chain,
     plot_learning,
     plot_nis,
     plot_normals,
     plot_prediction,
     plot_tracks,
 )
+from workbench.plotting.structure import plot_chain
 
 
 @pytest.fixture(autouse=True)

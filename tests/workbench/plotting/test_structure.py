@@ -1,10 +1,10 @@
-"""What the pictures of the bench show: cameras where they stand, markers where they are on the rod."""
+"""The picture of the rig shows the cameras where they stand."""
 
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from workbench.plotting import plot_layouts, plot_rig
+from workbench.plotting.structure import plot_rig
 
 
 @pytest.fixture(autouse=True)
@@ -28,12 +28,3 @@ def test_cameras_and_rod_are_where_they_are():
         assert sum(np.allclose(line[1], axes[0]) for line in rays) == 1
     assert {text.get_text().strip() for text in ax.texts} == {"left", "right", "$x$", "$y$", "$z$"}
     assert ax.zaxis_inverted()  # the world's y points down
-
-
-def test_each_marker_has_its_number_at_its_place():
-    layouts = {"one": ([0.0, 60.0], [10.0, -10.0]), "other": ([120.0], [5.0])}
-    one, other = plot_layouts(layouts, 34.0, 3.0).axes
-    places = {text.get_text(): text.get_position() for text in one.texts}
-    assert places == {"0": (0.0, 10.0), "1": (60.0, -10.0)}
-    assert [patch.get_center() for patch in other.patches] == [(120.0, 5.0)]
-    assert (one.patches[0].width, one.patches[0].height) == (34.0, 3.0)
