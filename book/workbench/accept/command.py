@@ -2,37 +2,45 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import pandas as pd
 
 from trinolab.checks import as_whole
 from trinolab.files.journal import fingerprint
 from trinolab.files.outputs import check_targets, write_together
-from trinolab.files.poses import read_poses
 from trinolab.files.recording import find_footage, open_folder
 from trinolab.files.rigs import read_rig
 from trinolab.following.track import track_folder
 
-from ..provenance import code_hash, commit, machine, versions
+from ..provenance import commit, machine, versions
+from ..studies.carrier import results_of
 from . import arm, availability, history, pointer, rest
 from .arm import Noise
 from .numbers import Answer
 from .setup import Field, field_of
 from .sheet import NUMBERS, PAGE, TABLE, Sheet, contents, glance, interval_text, value_text
 from .size import POSES, check_chart
-from .tracks import Track, as_track, track_of_table
-from .work import RENDERED, TESTS, Checkpoint, Found, Part, Source, do, setup_of
+from .tracks import as_track, track_of_table
+from .work import RENDERED, TESTS, Source, all_measured, setup_of
 
 KEPT = "measured.jsonl"
 WORKERS = 2
 # A7 without a measurement at rest: of the standard rig
 DEFAULT_NOISE = Noise(0.003, 0.03, "the standard rig has at rest")
+
+
+class Outcome(NamedTuple):
+    """Answers by their tests, why others were not run, and the processor time of all parts, s."""
+
+    answers: dict[str, Answer]
+    left_out: dict[str, str]
+    cpu_s: float
 
 
 class Done(NamedTuple):
@@ -52,7 +60,6 @@ def accept(
     seed: int = 0,
     chart: str | Path | None = None,
     workers: int = WORKERS,
-    progress: bool = True,
 ) -> Done:
     """Measure a rig and its handle by all tests, and write the sheet.
 
@@ -76,8 +83,6 @@ def accept(
         CSV of a control chart, to which this sheet is added.
     workers : int
         Processes.
-    progress : bool
-        Show progress bars on standard error, if that is a terminal.
 
     Raises
     ------
@@ -100,26 +105,16 @@ def accept(
         check_targets([chart])
         if Path(chart).exists():
             history.read_history(chart)  # a wrong one is refused before anything is computed
-    with Checkpoint(folder / KEPT, made_from(source)) as kept_work:
-        try:
-            if recordings:
-                answers, left_out = _recorded(
-                    source, recordings, folder, kept_work, workers, progress
-                )
-            else:
-                answers, left_out = _rendered(source, kept_work, workers, progress)
-        except KeyboardInterrupt:
-            count = len(kept_work.lines())
-            raise KeyboardInterrupt(
-                f"{count} parts are kept in {kept_work.path}; the same command goes on"
-            ) from None
-        cpu_s = sum(found.cpu_s for found in kept_work.found().values())
-        about = _about(source, recordings, cpu_s, len(setup.rig.cameras))
-        titles = {name: test.TITLE for name, test in TESTS.items()}
-        sheet = Sheet(about, answers, titles, left_out)
-        if chart is not None:
-            _add_to_chart(sheet, chart, source)
-        write_together({folder / name: text for name, text in contents(sheet).items()})
+    if recordings:
+        answers, left_out, cpu_s = _recorded(source, recordings, folder, workers)
+    else:
+        answers, left_out, cpu_s = _rendered(source, folder, workers)
+    about = _about(source, recordings, cpu_s, len(setup.rig.cameras))
+    titles = {name: test.TITLE for name, test in TESTS.items()}
+    sheet = Sheet(about, answers, titles, left_out)
+    if chart is not None:
+        _add_to_chart(sheet, chart, source)
+    write_together({folder / name: text for name, text in contents(sheet).items()})
     return Done(sheet, folder / PAGE, cpu_s)
 
 
@@ -134,17 +129,7 @@ def sheet_folder(out: str | Path, inputs: Sequence[str | Path]) -> Path:
     return folder
 
 
-def made_from(source: Source) -> str:
-    """What tells the parts of one sheet from another's: the files' contents, size, seed, code."""
-    files = [Path(path).read_bytes() for path in (source.rig, source.handle)]
-    contents = [hashlib.sha256(text).hexdigest() for text in files]
-    what = [*contents, source.poses, source.seed, code_hash("workbench.accept.work")]
-    return hashlib.sha256(json.dumps(what).encode()).hexdigest()[:16]
-
-
-def _rendered(
-    source: Source, kept: Checkpoint, workers: int, progress: bool
-) -> tuple[dict[str, Answer], dict[str, str]]:
+def _rendered(source: Source, folder: Path, workers: int) -> Outcome:
     """All tests on images of the bench."""
     setup = setup_of(source)
     left_out = {}
@@ -154,16 +139,12 @@ def _rendered(
             counts[name] = TESTS[name].parts(setup)
         except ValueError as error:  # the field of view has no room for it
             left_out[name] = str(error)
-    parts = [Part(name, k) for name in RENDERED if name in counts for k in range(counts[name])]
-    done = do(source, parts, kept, workers, progress, "tests")
-    answers = {
-        name: TESTS[name].judge(setup, [done[Part(name, k).key].rows for k in range(count)])
-        for name, count in counts.items()
-    }
-    at_rest = [as_track(done[Part("A1", k).key].rows) for k in range(counts.get("A1", 0))]
+    found = all_measured(source, counts, folder / KEPT, workers)
+    answers = {name: TESTS[name].judge(setup, rows) for name, rows in found.rows.items()}
+    at_rest = [as_track(rows) for rows in found.rows.get("A1", [])]
     noise = _noise(rest.jitter_of(at_rest), "it has in test A1")
-    _lead_arm(source, noise, kept, workers, progress, answers, left_out)
-    return answers, left_out
+    outcome = Outcome(answers, left_out, found.cpu_s)
+    return _with_arm(outcome, source, noise, folder, workers)
 
 
 def _noise(jitter: tuple[float, float] | None, source: str) -> Noise:
@@ -173,39 +154,33 @@ def _noise(jitter: tuple[float, float] | None, source: str) -> Noise:
     return Noise(float(f"{jitter[0]:.6g}"), float(f"{jitter[1]:.6g}"), source)
 
 
-def _lead_arm(
-    source: Source,
-    noise: Noise,
-    kept: Checkpoint,
-    workers: int,
-    progress: bool,
-    answers: dict[str, Answer],
-    left_out: dict[str, str],
-) -> None:
-    """The arm's test, behind the others because their noise leads it."""
+def _with_arm(
+    outcome: Outcome, source: Source, noise: Noise, folder: Path, workers: int
+) -> Outcome:
+    """The arm's test as well, behind the others because their noise leads it."""
+    answers, left_out, cpu_s = outcome
     if why := arm.why_not():
-        left_out[arm.NAME] = why
-        return
+        return Outcome(answers, left_out | {arm.NAME: why}, cpu_s)
     setup = setup_of(source)
-    parts = [Part(arm.NAME, k, noise) for k in range(arm.parts(setup))]
-    done = do(source, parts, kept, workers, progress, "arm")
-    answers[arm.NAME] = arm.judge(setup, [done[part.key].rows for part in parts], noise)
+    counts = {arm.NAME: arm.parts(setup)}
+    found = all_measured(source, counts, folder / KEPT, workers, noise)
+    answer = arm.judge(setup, found.rows[arm.NAME], noise)
+    return Outcome(answers | {arm.NAME: answer}, left_out, cpu_s + found.cpu_s)
 
 
 def _recorded(
     source: Source,
     recordings: Sequence[str | Path],
     folder: Path,
-    kept: Checkpoint,
     workers: int,
-    progress: bool,
-) -> tuple[dict[str, Answer], dict[str, str]]:
+) -> Outcome:
     """The tests that need no truth, on recordings."""
     answers: dict[str, Answer] = {}
     resting = []
-    for k, path in enumerate(recordings):
+    found = _tracks(source, recordings, folder)
+    for path, (columns, _) in zip(recordings, found, strict=True):
         name = f"recording {Path(path).name}"
-        track = _track(source, path, folder / f"poses_{k}_{Path(path).name}.csv", kept, progress)
+        track = track_of_table(pd.DataFrame(columns))
         _add(answers, availability.NAME, availability.judge_recording(track, name))
         _add(answers, pointer.NAME, pointer.judge_recording(track, name))
         if rest.at_rest(track):
@@ -228,8 +203,8 @@ def _recorded(
             f"{pointer.PIVOT_DEG:g} deg or more, to {pointer.PIVOT_MM:g} mm)"
         )
     noise = _noise(rest.jitter_of(resting), "the recordings of a handle at rest have")
-    _lead_arm(source, noise, kept, workers, progress, answers, left_out)
-    return answers, left_out
+    outcome = Outcome(answers, left_out, sum(cpu_s for _, cpu_s in found))
+    return _with_arm(outcome, source, noise, folder, workers)
 
 
 def _add(answers: dict[str, Answer], name: str, more: Answer) -> None:
@@ -239,16 +214,27 @@ def _add(answers: dict[str, Answer], name: str, more: Answer) -> None:
     answer.notes += more.notes
 
 
-def _track(source: Source, path: str | Path, out: Path, kept: Checkpoint, progress: bool) -> Track:
-    """The poses of a recording folder: those that are kept, or tracked now."""
-    files = [source.rig, source.handle]
-    key = f"recording {fingerprint(files, find_footage(path, read_rig(source.rig)))}"
-    if key in kept.found() and out.exists():
-        return track_of_table(read_poses(out))
+def _tracks(source: Source, recordings: Sequence[str | Path], folder: Path) -> list[Any]:
+    """Columns of the poses of each recording folder, and the processor time that it took, s."""
+    rig = read_rig(source.rig)
+    settings = [
+        {
+            "path": str(path),
+            "out": str(folder / f"poses_{k}_{Path(path).name}.csv"),
+            "rig": source.rig,
+            "handle": source.handle,
+            "footage": fingerprint([source.rig, source.handle], find_footage(path, rig)),
+        }
+        for k, path in enumerate(recordings)
+    ]
+    return results_of("recordings", _tracked, settings, 1, folder / KEPT, source.made_from)
+
+
+def _tracked(path: str, out: str, rig: str, handle: str, footage: str) -> list[Any]:
+    """Track a recording folder whose contents have a fingerprint, `footage`."""
     begin = time.process_time()
-    table = track_folder(path, out, source.rig, source.handle, progress=progress)
-    kept.add(key, Found(None, time.process_time() - begin))
-    return track_of_table(table)
+    table = track_folder(path, out, rig, handle)
+    return [table.to_dict("list"), time.process_time() - begin]
 
 
 def _about(

@@ -21,10 +21,10 @@ from trinolab.files.inputs import read_json
 from trinolab.files.outputs import write_together
 
 from ..provenance import commit
-from .command import WORKERS, made_from
+from .command import WORKERS
 from .numbers import Answer
 from .sheet import plain_row
-from .work import RENDERED, TESTS, Checkpoint, Part, Source, do, setup_of
+from .work import RENDERED, TESTS, Source, all_measured, setup_of
 
 KEPT = Path("_build/renewed.jsonl")
 
@@ -32,11 +32,8 @@ KEPT = Path("_build/renewed.jsonl")
 def measured_again(source: Source, name: str, kept: Path, workers: int) -> Answer:
     """A test on images of the bench, from its parts."""
     setup = setup_of(source)
-    parts = [Part(name, k) for k in range(TESTS[name].parts(setup))]
-    kept.parent.mkdir(parents=True, exist_ok=True)
-    with Checkpoint(kept, made_from(source)) as lines:
-        done = do(source, parts, lines, workers, True, name)
-    return TESTS[name].judge(setup, [done[part.key].rows for part in parts])
+    found = all_measured(source, {name: TESTS[name].parts(setup)}, kept, workers)
+    return TESTS[name].judge(setup, found.rows[name])
 
 
 def renewed(content: dict[str, Any], name: str, answer: Answer, by: str) -> dict[str, Any]:

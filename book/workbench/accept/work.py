@@ -1,22 +1,18 @@
-"""The parts of the tests, measured by two processes, and kept as they come."""
+"""The tests of a sheet and their parts, which processes share."""
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import BrokenExecutor
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import cv2
-from tqdm import tqdm
 
-from trinolab.files.journal import Journal
 from trinolab.files.rigs import read_handle, read_rig
 
-from ..sweep.engines import as_finished, processes
+from ..provenance import code_hash, hash_text
+from ..studies.carrier import results_of
 from . import arm, availability, combined, latency, moving, pointer, rest, static
 from .arm import Noise
 from .setup import Setup
@@ -29,19 +25,6 @@ TESTS = {
 RENDERED = ("A6", "A5", "A3", "A1", "A4", "A0", "A2")
 
 
-class Part(NamedTuple):
-    """A part of a test: its name, its number, and for the arm the noise that leads it."""
-
-    test: str
-    number: int
-    noise: Noise | None = None
-
-    @property
-    def key(self) -> str:
-        """By which it is kept."""
-        return json.dumps([self.test, self.number, *(self.noise or ())])
-
-
 class Source(NamedTuple):
     """From what every process makes the same `Setup`."""
 
@@ -50,11 +33,18 @@ class Source(NamedTuple):
     poses: int
     seed: int
 
+    @property
+    def made_from(self) -> list[Any]:
+        """What the parts of a sheet depend on: contents of the files, size, seed and code."""
+        contents = [Path(path).read_text(encoding="utf-8") for path in (self.rig, self.handle)]
+        hashes = [hash_text(text) for text in contents]
+        return [*hashes, self.poses, self.seed, code_hash("workbench.accept.work")]
+
 
 class Found(NamedTuple):
-    """What a part gave: rows for its test, and the processor time that it took, s."""
+    """Rows of each part by its test, and the processor time of all of them, s."""
 
-    rows: Any
+    rows: dict[str, list[Any]]
     cpu_s: float
 
 
@@ -64,71 +54,33 @@ def setup_of(source: Source) -> Setup:
     return Setup(read_rig(source.rig), read_handle(source.handle), source.poses, source.seed)
 
 
-def measured(source: Source, part: Part) -> Found:
-    """Do one part; called in any process."""
+def measured(source: Source, test: str, part: int, noise: Noise | None = None) -> list[Any]:
+    """The rows of one part, and the processor time that it took, s; called in any process."""
     cv2.setNumThreads(1)
     setup = setup_of(source)
     begin = time.process_time()
-    if part.noise is not None:
-        rows: Any = arm.run(setup, part.number, part.noise)
+    if noise is not None:
+        rows: Any = arm.run(setup, part, noise)
     else:
-        rows = TESTS[part.test].run(setup, part.number)
-    return Found(rows, time.process_time() - begin)
+        rows = TESTS[test].run(setup, part)
+    return [rows, time.process_time() - begin]
 
 
-class Checkpoint(Journal):
-    """Finished parts, a line each."""
-
-    def __init__(self, path: Path, made_from: str) -> None:
-        super().__init__(
-            path, f"# trinolab accept {made_from}\n", lambda _, line: bool(_read(line))
-        )
-
-    def found(self) -> dict[str, Found]:
-        """What each finished part gave, by its key."""
-        return dict(pair for line in self.lines() if (pair := _read(line)))
-
-    def add(self, key: str, found: Found) -> None:
-        """One more part, see `add_line`."""
-        self.add_line(json.dumps([key, found.rows, round(found.cpu_s, 3)]))
-
-
-def _read(line: str) -> tuple[str, Found] | None:
-    """A finished part; None for a damaged line."""
-    try:
-        key, rows, cpu_s = json.loads(line)
-        return str(key), Found(rows, float(cpu_s))
-    except (ValueError, TypeError):
-        return None
-
-
-def do(
-    source: Source, parts: Sequence[Part], kept: Checkpoint, workers: int, progress: bool, what: str
-) -> Mapping[str, Found]:
-    """Do what is not kept yet, and return what all parts gave, by their keys."""
-    answers = kept.found()
-    todo = [part for part in parts if part.key not in answers]
-    with tqdm(
-        total=len(parts),
-        initial=len(parts) - len(todo),
-        unit="part",
-        desc=what,
-        disable=None if progress else True,
-    ) as bar:
-        for part, one in _computed(source, todo, min(workers, max(len(todo), 1))):
-            kept.add(part.key, one)
-            answers[part.key] = one
-            bar.update()
-    return answers
-
-
-def _computed(source: Source, todo: Sequence[Part], workers: int) -> Iterator[tuple[Part, Found]]:
-    if not todo:
-        return
-    with processes(workers) as engine:
-        calls = ((part, measured, source, part) for part in todo)
-        for part, future in as_finished(engine, calls):
-            try:
-                yield part, future.result()
-            except BrokenExecutor:
-                raise ValueError("a worker process has ended abruptly") from None
+def all_measured(
+    source: Source,
+    counts: dict[str, int],
+    kept: Path,
+    workers: int,
+    noise: Noise | None = None,
+) -> Found:
+    """All parts of some tests, given the number of each one's parts; the arm is led by `noise`."""
+    settings: list[dict[str, Any]] = [
+        {"source": source, "test": test, "part": part, "noise": noise}
+        for test, count in counts.items()
+        for part in range(count)
+    ]
+    results = results_of("tests", measured, settings, workers, kept, source.made_from)
+    rows: dict[str, list[Any]] = {test: [] for test in counts}
+    for setting, (of_part, _) in zip(settings, results, strict=True):
+        rows[setting["test"]].append(of_part)
+    return Found(rows, sum(cpu_s for _, cpu_s in results))

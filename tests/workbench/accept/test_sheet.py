@@ -16,13 +16,14 @@ from sheetrows import pointer_rows, rows_of, setup, static_rows
 
 from trinolab.datasets import data_path, load_sweep
 from trinolab.files.inputs import read_json
+from trinolab.files.journal import locked
 from trinolab.files.poses import read_poses
 from trinolab.methods import BEST
 from workbench.accept import command, history, pointer, renew, rest, sheet, static, work
 from workbench.accept.command import accept, as_lines
 from workbench.accept.numbers import CLOCK, LARGEST, OWN, Answer, Number, far_count, share
 from workbench.accept.sheet import Sheet, contents, digits, read_sheet
-from workbench.accept.work import Checkpoint, Found, Part, Source
+from workbench.accept.work import Source
 from workbench.studies.broken import FAULTS
 from workbench.studies.instant_times import by_film
 from workbench.studies.second_renderer import side_by_side
@@ -296,75 +297,16 @@ def test_what_is_no_chart_is_refused(made, tmp_path, text, message):
 # --- the work that is kept
 
 
-@pytest.fixture
-def counted(monkeypatch):
-    """A test of five parts in the place of A2, and the parts that were done."""
-    done = []
-
-    def one(setup, k):
-        if k == 3 and len(done) == 3:
-            raise KeyboardInterrupt
-        done.append(k)
-        return [k, None, "x"]
-
-    fake = SimpleNamespace(NAME="A2", TITLE="five", parts=lambda setup: 5, run=one)
-    monkeypatch.setitem(work.TESTS, "A2", fake)
-    return done
-
-
-SOURCE = Source(str(RIG), str(HANDLE), 8, 0)
-
-
-def test_work_goes_on_where_it_stopped(counted, tmp_path):
-    parts = [Part("A2", k) for k in range(5)]
-    path = tmp_path / "kept.jsonl"
-    with Checkpoint(path, "this") as kept, pytest.raises(KeyboardInterrupt):
-        work.do(SOURCE, parts, kept, 1, False, "tests")
-    assert counted == [0, 1, 2]
-    counted.append(None)  # it goes on now
-    with Checkpoint(path, "this") as kept:
-        found = work.do(SOURCE, parts, kept, 1, False, "tests")
-    assert counted == [0, 1, 2, None, 3, 4]
-    assert [found[part.key].rows for part in parts] == [[k, None, "x"] for k in range(5)]
-    with Checkpoint(path, "another") as kept:
-        assert kept.found() == {}
-
-
-def test_a_line_that_was_cut_off_is_done_again(tmp_path):
-    path = tmp_path / "kept.jsonl"
-    with Checkpoint(path, "this") as kept:
-        kept.add("a", Found([1], 0.1))
-        kept.add("b", Found([2], 0.1))
-    path.write_text(path.read_text()[:-5])
-    with Checkpoint(path, "this") as kept:
-        assert list(kept.found()) == ["a"]
-
-
-def test_whole_lines_that_are_no_part_are_dropped_with_all_behind_them(tmp_path):
-    path = tmp_path / "kept.jsonl"
-    for damaged in ('["b", [2]]', "{", "3", '["b", [2], "long"]'):
-        with Checkpoint(path, "this") as kept:
-            kept.add("a", Found([1], 0.1))
-            kept.add_line(damaged)
-            kept.add("c", Found([3], 0.1))
-        with Checkpoint(path, "this") as kept:
-            assert list(kept.found()) == ["a"]
-        path.unlink()
-
-
-def test_parts_of_the_arm_belong_to_their_noise():
-    noise = command.DEFAULT_NOISE
-    assert Part("A7", 1, noise).key != Part("A7", 1, noise._replace(mm=0.1)).key
-
-
-def test_a_size_tells_sheets_apart(tmp_path):
-    keys = {
-        command.made_from(SOURCE),
-        command.made_from(SOURCE._replace(poses=9)),
-        command.made_from(SOURCE._replace(seed=1)),
-        command.made_from(SOURCE._replace(handle=str(data_path("handles", "paper.toml")))),
-    }
-    assert len(keys) == 4
+def test_parts_belong_to_files_size_and_seed():
+    source = Source(str(RIG), str(HANDLE), 8, 0)
+    other = str(data_path("handles", "paper.toml"))
+    made_from = [
+        source.made_from,
+        source._replace(poses=9).made_from,
+        source._replace(seed=1).made_from,
+        source._replace(handle=other).made_from,
+    ]
+    assert len(set(map(str, made_from))) == 4
 
 
 # --- the command
@@ -399,7 +341,7 @@ def quick(monkeypatch):
 
 def test_command_writes_the_sheet(quick, tmp_path):
     chart = tmp_path / "chart.csv"
-    done = accept(RIG, HANDLE, tmp_path / "out", poses=8, chart=chart, workers=1, progress=False)
+    done = accept(RIG, HANDLE, tmp_path / "out", poses=8, chart=chart, workers=1)
     names = sorted(path.name for path in (tmp_path / "out").iterdir())
     assert names == ["index.html", "measured.jsonl", "numbers.csv", "sheet.json"]
     about, numbers = read_sheet(tmp_path / "out" / "sheet.json")
@@ -417,7 +359,7 @@ def test_a_test_without_room_is_left_out(quick, tmp_path, monkeypatch):
         raise ValueError("rig: no room")
 
     monkeypatch.setattr(work.TESTS["A2"], "parts", none)
-    done = accept(RIG, HANDLE, tmp_path / "out", poses=8, workers=1, progress=False)
+    done = accept(RIG, HANDLE, tmp_path / "out", poses=8, workers=1)
     assert done.sheet.left_out["A2"] == "rig: no room"
     assert "Not run: rig: no room." in (tmp_path / "out" / "index.html").read_text()
 
@@ -446,7 +388,7 @@ def test_a_file_in_the_folder_s_place_is_refused_and_left_as_it_is(tmp_path):
     out = tmp_path / "out"
     out.write_text("mine")
     with pytest.raises(ValueError, match="out: cannot be written"):
-        accept(RIG, HANDLE, out, poses=8, progress=False)
+        accept(RIG, HANDLE, out, poses=8)
     assert out.read_text() == "mine"
 
 
@@ -460,15 +402,15 @@ def test_an_interruption_says_how_many_parts_are_kept(quick, tmp_path, monkeypat
         return found(setup, k)
 
     monkeypatch.setattr(work.TESTS["A2"], "run", run)
-    with pytest.raises(KeyboardInterrupt, match=r"^2 parts are kept in .*; the same command goes"):
-        accept(RIG, HANDLE, tmp_path / "out", poses=8, workers=1, progress=False)
+    with pytest.raises(KeyboardInterrupt, match=r"^2 of 3 runs are kept in .*; the same command"):
+        accept(RIG, HANDLE, tmp_path / "out", poses=8, workers=1)
     assert not (tmp_path / "out" / "index.html").exists()
 
 
 def test_two_commands_with_one_folder(quick, tmp_path):
     kept = command.sheet_folder(tmp_path / "out", []) / command.KEPT
-    with Checkpoint(kept, "x"), pytest.raises(ValueError, match="another process works on it"):
-        accept(RIG, HANDLE, tmp_path / "out", poses=8, workers=1, progress=False)
+    with locked(kept), pytest.raises(ValueError, match="another process works on it"):
+        accept(RIG, HANDLE, tmp_path / "out", poses=8, workers=1)
 
 
 # --- counts
@@ -500,7 +442,7 @@ def test_a_recording_in_the_renderer_s_place(recording, tmp_path, monkeypatch):
     monkeypatch.setattr(command.arm, "why_not", lambda: "needs the package mujoco")
     files = recording / "rec" / "rig.toml", recording / "rec" / "handle.toml"
     out = tmp_path / "out"
-    done = accept(*files, out, [recording / "rec"], workers=1, progress=False)
+    done = accept(*files, out, [recording / "rec"], workers=1)
     table = read_poses(out / "poses_0_rec.csv")
     (number,) = [n for n in done.sheet.numbers if n.what == "measured, of all instants"]
     assert number.value == pytest.approx(100 * (table["status"] == "measured").mean())
@@ -508,7 +450,7 @@ def test_a_recording_in_the_renderer_s_place(recording, tmp_path, monkeypatch):
     assert set(done.sheet.left_out) == {"A0", "A1", "A2", "A3", "A4", "A5", "A7"}
     assert "in no recording does the handle rest" in done.sheet.left_out["A1"]
     monkeypatch.setattr(command, "track_folder", None)
-    again = accept(*files, out, [recording / "rec"], workers=1, progress=False)
+    again = accept(*files, out, [recording / "rec"], workers=1)
     assert again.sheet.numbers == done.sheet.numbers
     assert "recording rec" in Read((out / "index.html").read_text()).text
 
@@ -520,7 +462,6 @@ def test_a_folder_that_is_no_recording_is_refused(recording, tmp_path):
             recording / "handle.toml",
             tmp_path / "out",
             [recording / "rec", tmp_path / "nowhere"],
-            progress=False,
         )
     assert not (tmp_path / "out").exists()
 
