@@ -2,8 +2,8 @@
 
 `studies` are the seeded experiments behind the chapters, `plotting` their figures, `paper` the
 ledger of the equations and their misprints, `sweep` runs a chapter at many settings, `course` has the
-exercises. `cli` has the commands, and what they start stands beside it: `live`, `classkit`, `accept`,
-`teleop`, `bags`. `second` is another renderer, and `pages` builds the book.
+exercises. `cli` has the commands, and `pages` builds the book.
 
-The workbench imports `trinolab`, and `trinolab` never imports the workbench.
+The workbench imports `trinolab`, and `trinolab` never imports the workbench. What stands by itself beside
+both is in `satellites`.
 """

@@ -1,4 +1,4 @@
-"""Which files of `trinolab` and of the workbench a piece of code imports, directly or not.
+"""Which files of our packages a piece of code imports, directly or not.
 
 The imports between our own modules are `grimp`'s graph. Beside it stands what it does not know: a notebook's
 source, modules that lie beside it, and the names of `trinolab`'s face, which load a module when they are asked
@@ -20,13 +20,20 @@ from trinolab import FACE
 PACKAGES = {
     "trinolab": Path(trinolab.__file__).resolve().parent,
     "workbench": Path(__file__).resolve().parent,
+    "satellites": Path(__file__).resolve().parent.with_name("satellites"),
 }
+TESTS = "tests"  # in a satellite's folder: no code of ours
 FACED = "trinolab"  # the package whose `FACE` loads names when they are asked for
 
 
 def our_files() -> list[Path]:
-    """Every module of both packages."""
-    return [path for folder in PACKAGES.values() for path in sorted(folder.glob("**/*.py"))]
+    """Every module of the packages."""
+    return [
+        path
+        for folder in PACKAGES.values()
+        for path in sorted(folder.glob("**/*.py"))
+        if TESTS not in path.relative_to(folder).parts
+    ]
 
 
 def is_ours(path: Path) -> bool:
@@ -99,7 +106,7 @@ def modules_imported(source: str) -> list[str]:
 
 
 def import_graph() -> grimp.ImportGraph:
-    """Who imports whom in both packages, as their files are now."""
+    """Who imports whom in the packages, as their files are now."""
     return _graph_of(tuple((path, path.stat().st_mtime_ns) for path in our_files()))
 
 

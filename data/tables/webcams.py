@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from satellites.classkit.wrap import wrapped
 from trinolab.bench.motion import random_pose
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
@@ -21,7 +22,6 @@ from trinolab.handle import Handle
 from trinolab.measurement import measure
 from trinolab.methods import BEST
 from trinolab.metrics import geodesic_deg, position_errors
-from workbench.classkit.wrap import wrapped
 from workbench.intervals import of_mean, of_share
 from workbench.studies.carrier import Row, Table, columns_of_mean
 from workbench.studies.replication import CHECKED, EVERY

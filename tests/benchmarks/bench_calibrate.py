@@ -29,7 +29,7 @@ from trinolab.calibration.target import Target
 from trinolab.camera import Rig
 from trinolab.datasets import real_set
 from trinolab.files.fetch import why_not
-from workbench.plotting import picture_of_residuals
+from workbench.plotting.calibration import picture_of_residuals
 from workbench.studies.carrier import script
 
 webcams = script("webcams")

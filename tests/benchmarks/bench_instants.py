@@ -24,7 +24,7 @@ import pandas as pd
 from workbench.studies.instant_times import (
     METHODS,
     SHARES,
-    each_followed,
+    all_followed,
     films,
     numbers,
     statistics,
@@ -47,7 +47,7 @@ def report(instants: int, workers: int) -> None:
     """Print the times of the follower and of the paper's chain, motion by motion and of all."""
     columns = "".join(f"{f'{100 * share:g} %':>8}" for share in SHARES.values())
     for method in METHODS:
-        table = pd.concat([one for _, one in each_followed(films(instants), method, workers)])
+        table = pd.concat(all_followed(films(instants), method, workers))
         print(
             f"{method}: ms, and by SimpleBlobDetector ({table['blobs_ms'].median():.1f} ms an "
             f"instant)\n{'':18}{'n':>6}{columns}  {columns}  measured      rms      rms deg   NEES false"

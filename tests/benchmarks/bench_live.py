@@ -27,13 +27,13 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "helpers"))
 
+from satellites.live.command import live
+from satellites.live.sources import Feed, Source
 from trinolab.bench.motion import motion_at
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig, scaled
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_handle, load_rig
-from workbench.live.command import live
-from workbench.live.sources import Feed, Source
 from workbench.pages.browser import Browser
 
 WANTED_MS = {"95 %": 100.0, "latest": 250.0}

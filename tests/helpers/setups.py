@@ -7,11 +7,11 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 from webcams import BENCH, WEBCAMS, webcam_rig
 
+from satellites.classkit.wrap import wrapped
 from trinolab.bench.layer import cropped
 from trinolab.bench.scenario import Job, Shot, take
 from trinolab.datasets import load_handle
 from trinolab.files import recording_writer
-from workbench.classkit.wrap import wrapped
 
 FPS = 60.0
 ROD = wrapped(load_handle("coded"), 20.0, 6.0)

@@ -1,16 +1,19 @@
-"""Print the lines of code of the package, the workbench, the tables' scripts and the tests: no blank
-lines, comments or docstrings.
+"""Print the lines of code of the package, the workbench, the satellites, the tables' scripts and the
+tests: no blank lines, comments or docstrings.
 """
 
 import ast
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS = {
-    "trinolab": "trinolab",
-    "workbench": "book",
-    "scripts of tables": "data/tables",
+FOLDERS = ("trinolab", "book", "data/tables", "tests")
+# A part of a module's path and what it counts as; the first that it has.
+KINDS = {
     "tests": "tests",
+    "trinolab": "trinolab",
+    "satellites": "satellites",
+    "book": "workbench",
+    "tables": "scripts of tables",
 }
 WITH_DOCSTRING = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
@@ -27,11 +30,10 @@ def lines_of_code(text):
     )
 
 
-def size(folder):
-    """The lines of code below a folder."""
-    paths = (ROOT / folder).rglob("*.py")
-    return sum(lines_of_code(path.read_text(encoding="utf-8")) for path in paths)
-
-
 if __name__ == "__main__":
-    print("lines of code:", ", ".join(f"{name} {size(of):,}" for name, of in FOLDERS.items()))
+    sizes = dict.fromkeys(KINDS.values(), 0)
+    for path in [path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")]:
+        parts = path.relative_to(ROOT).parts
+        kind = next(KINDS[name] for name in KINDS if name in parts)
+        sizes[kind] += lines_of_code(path.read_text(encoding="utf-8"))
+    print("lines of code:", ", ".join(f"{name} {size:,}" for name, size in sizes.items()))

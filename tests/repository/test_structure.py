@@ -61,7 +61,8 @@ def test_only_figures_draw():
     others = {name for name in drawing if not name.startswith("workbench.plotting.")}
     # the kit's pages are drawn without the package of all figures, which takes long to load
     assert others == {
-        "workbench.classkit.prints",
+        "satellites.accept.figures",
+        "satellites.classkit.prints",
         "workbench.pages.house",
         "workbench.sweep.figures",
         "workbench.sweep.sliders",
@@ -98,7 +99,7 @@ trinolab.measure([np.zeros((1024, 1280))] * 2, "paper_pair", "paper", parameters
     }
 
 
-@pytest.mark.parametrize("module", ["trinolab", "workbench", "workbench.sweep"])
+@pytest.mark.parametrize("module", ["trinolab", "workbench", "satellites", "workbench.sweep"])
 def test_import_is_light(module):
     assert not {"matplotlib", "pyvista", "vtk", "mujoco", "cv2", "numba"} & loaded_by(
         f"import {module}"

@@ -13,7 +13,7 @@ from trinolab.measurement import Measurement
 from trinolab.methods import BEST
 from trinolab.pose import LOST, Pose
 from trinolab.rigid import cross_matrices
-from workbench.plotting import plot_calibration_error
+from workbench.plotting.calibration import plot_calibration_error
 from workbench.studies.calibration_error import (
     CENTRE_PX,
     DIRECTIONS,

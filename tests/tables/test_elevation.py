@@ -9,7 +9,7 @@ from elevation import SETTINGS, shared_markers
 from trinolab.bench.hand import Arm, true_visibility
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1, paper_rig
 from trinolab.methods import BEST
-from workbench.plotting import plot_elevation
+from workbench.plotting.estimators import plot_elevation
 
 PAPER = load_handle("paper")
 TABLE = load_sweep("elevation")

@@ -7,7 +7,7 @@ from pathlib import Path
 
 HERE = Path(__file__).parent
 # helpers of the tests that start a command of the workbench
-USES = ("workbench", "from healthy", "from setups", "from processes", "from livepage")
+USES = ("workbench", "satellites", "from healthy", "from setups", "from processes")
 
 if find_spec("matplotlib") is None:
     collect_ignore = [

@@ -64,7 +64,10 @@ door.opened_by(lambda frame: _host.call(to_js(frame)).to_bytes())
 session.start()
 """
 PYODIDE_PACKAGES = ["numpy", "scipy", "pandas", "matplotlib", "pillow", "jinja2", "tomli-w", "tqdm"]
-PACKED = ("trinolab/**/*", "book/workbench/**/*", "data/**/*", "notebooks/*.ipynb")
+PACKED = (
+    *("trinolab/**/*", "book/workbench/**/*", "book/satellites/*.py", "book/satellites/*/*.*"),
+    *("data/**/*", "notebooks/*.ipynb"),
+)
 
 
 def build(site: Path = SITE, pyodide: Path | None = None) -> None:

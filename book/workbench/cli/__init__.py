@@ -53,7 +53,7 @@ EXTRAS = {
     "distributed": "cluster",
     "matplotlib": "workbench",
     "mink": "slave",
-    "mitsuba": "accept",
+    "mitsuba": "second",
     "mujoco": "slave",
     "nbclient": "book",
     "nbformat": "course",
@@ -228,7 +228,7 @@ def _calibrate(a: argparse.Namespace) -> int:
 
     def picture(*of: Any) -> bytes:
         """Loads matplotlib, which a refusal need not wait for."""
-        from ..plotting import picture_of_residuals
+        from ..plotting.calibration import picture_of_residuals
 
         return picture_of_residuals(*of)
 
@@ -271,9 +271,8 @@ def _track(a: argparse.Namespace) -> int:
     _check_source(a, "--video", a.video)
     _open_first(a, [] if a.folder is None else [a.folder], a.out)
     with _loading():
+        from satellites.bags.bags import track_recording
         from trinolab.following.track import track_files
-
-        from ..bags import track_recording
 
     options = {"start": a.start, "method": a.method}
     with nullcontext() if a.overlay is None else _filmed(a) as watch:
@@ -314,12 +313,11 @@ def _open_first(a: argparse.Namespace, folders: Sequence[str], out: str | None =
     that has no folder, before the modules of the work are loaded, which takes as long as all the rest
     of a refusal.
     """
+    from satellites.bags.bags import is_bag
+    from satellites.bags.reader import opened
     from trinolab.files.outputs import check_parent
     from trinolab.files.recording import find_footage, open_folder, open_recording
     from trinolab.files.rigs import read_handle, read_rig
-
-    from ..bagreader import opened
-    from ..bags import is_bag
 
     if out is not None:
         check_parent(out)
@@ -397,7 +395,7 @@ def _eq(a: argparse.Namespace) -> int:
 
 
 def _kit(a: argparse.Namespace) -> int:
-    from ..classkit.kit import as_lines, make_kit
+    from satellites.classkit.kit import as_lines, make_kit
 
     printed = make_kit(a.handle, a.out, a.diameter, a.marker, a.paper, a.thickness)
     say("\n".join(as_lines(printed)))
@@ -405,8 +403,8 @@ def _kit(a: argparse.Namespace) -> int:
 
 
 def _preflight(a: argparse.Namespace) -> int:
-    from ..classkit.criteria import NOT_USABLE, overall
-    from ..classkit.preflight import as_lines, preflight
+    from satellites.classkit.criteria import NOT_USABLE, overall
+    from satellites.classkit.preflight import as_lines, preflight
 
     sources = _named(a.video, "--video") if a.video else None
     table = preflight(a.folder, sources, a.rig, a.handle, a.fps, a.timestamps, a.out)
@@ -534,7 +532,7 @@ def _say_session(done: Done, out: str) -> int:
 
 
 def _bag(a: argparse.Namespace) -> int:
-    from ..bags import write_bag
+    from satellites.bags.bags import write_bag
 
     with _ended_in_order():
         counts = write_bag(a.folder, a.out, a.poses, a.joints)
@@ -546,7 +544,7 @@ def _live(a: argparse.Namespace) -> int:
     recording = a.folder or a.older
     _open_first(a, [] if recording is None else [recording])
     with _loading():
-        from ..live.command import chosen, live, show
+        from satellites.live.command import chosen, live, show
 
     cameras = _named(a.camera or [], "--camera", "NAME=INDEX, as ccd1=0, or NAME=VIDEO")
     source = chosen(cameras, recording, a.rig, a.handle, a.fps)
@@ -564,14 +562,14 @@ def _live(a: argparse.Namespace) -> int:
 
 
 def _accept(a: argparse.Namespace) -> int:
-    from ..accept.size import check_chart, checked_size
+    from satellites.accept.size import check_chart, checked_size
 
     folders = [*a.folders, *a.older]
     checked_size(a.poses, a.seed)
     check_chart(a.chart, folders)
     _open_first(a, folders)
     with _loading():
-        from ..accept.command import accept, as_lines
+        from satellites.accept.command import accept, as_lines
 
     done = accept(a.rig, a.handle, a.out, folders, a.poses, a.seed, a.chart)
     say("\n".join([*as_lines(done), f"{done.cpu_s:.0f} s of processor time; written to {a.out}"]))

@@ -21,8 +21,12 @@ from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from trinolab.files.inputs import read_toml
 from trinolab.files.outputs import write_whole
 
-from .. import plotting, provenance
+from .. import provenance
 from ..imports import our_files
+from ..plotting.basics import write_drawing
+from ..plotting.calibration import plot_calibration_error
+from ..plotting.structure import plot_rig
+from ..plotting.table1 import plot_budget, plot_errors_in_space, plot_refused
 from ..studies import accounts, claim_draws, deviations, lever, pattern
 from ..studies import answer as cause
 from ..studies.protocol import load_claims, load_deviations, load_trials
@@ -83,7 +87,7 @@ def write_pages(scoreboard: Path, folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     write_whole(folder / "text.md", article(read_board(scoreboard)) + "\n")
     for name, draw in FIGURES.items():
-        plotting.write_drawing(draw(), folder / f"{name}.svg")
+        write_drawing(draw(), folder / f"{name}.svg")
 
 
 def article(board: pd.DataFrame) -> str:
@@ -292,14 +296,14 @@ def _draw_rig() -> Any:
         views[camera.name] = (camera.centre, camera.centre + corners)
     ends = pose.apply([[0, rod.bottom_mm, 0], [0, rod.top_mm, 0]])
     axes = pose.apply(np.vstack([np.zeros(3), AXIS_MM * np.eye(3)]))
-    return plotting.plot_rig(views, ends, pose.apply(rod.marker_centres), axes)
+    return plot_rig(views, ends, pose.apply(rod.marker_centres), axes)
 
 
 def _draw_space() -> Any:
     table = load_table1()
     positions = table.set_poses.translation
     errors = table.measured.translation - positions
-    return plotting.plot_errors_in_space(positions, errors, MAGNIFIED)
+    return plot_errors_in_space(positions, errors, MAGNIFIED)
 
 
 def _budget() -> pd.DataFrame:
@@ -316,19 +320,19 @@ def _budget() -> pd.DataFrame:
 
 def _draw_budget() -> Any:
     axes = {"mm": "rms position / mm", "deg": "rms rotation / deg"}
-    return plotting.plot_budget(_budget(), axes)
+    return plot_budget(_budget(), axes)
 
 
 def _draw_refused() -> Any:
     table = load_sweep("patterns")
     short = table["model"].str.replace("of the set angles", "of angles")
     short = short.str.replace("reference turned + handle set askew", "misalignments", regex=False)
-    return plotting.plot_refused(table.assign(model=short), STATISTICS, cause.LEVEL).figure
+    return plot_refused(table.assign(model=short), STATISTICS, cause.LEVEL).figure
 
 
 def _draw_calibration() -> Any:
     limit_mm = next(float(claim.paper) for claim in load_claims() if claim.no == "1")
-    return plotting.plot_calibration_error(load_sweep("calibration_error"), HANDLE, limit_mm)
+    return plot_calibration_error(load_sweep("calibration_error"), HANDLE, limit_mm)
 
 
 FIGURES: dict[str, Callable[[], Any]] = {

@@ -15,9 +15,9 @@ from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from unittest.mock import patch
 
+from satellites.bags.reader import FILE_RATIO, METADATA_BYTES
 from trinolab.files import limits
 
-from ..bagreader import FILE_RATIO, METADATA_BYTES
 from ..cli import main
 
 GENERATED = Path(__file__).resolve().parents[3] / "_build" / "generated" / "commands"

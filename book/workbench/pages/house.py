@@ -1,4 +1,4 @@
-"""The picture of the house: the folders of both packages and the modules at the top of `trinolab`, each on a
+"""The picture of the house: the folders of the packages and the modules at the top of `trinolab`, each on a
 floor above all that it imports.
 
     .venv/bin/python -m workbench.pages.house
@@ -17,8 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyBboxPatch
 
 from ..imports import PACKAGES, import_graph
-from ..plotting import COLOURS
-from ..plotting.basics import subplots
+from ..plotting.basics import COLOURS, subplots
 from .reference import first_line
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -27,6 +26,7 @@ TOGETHER = {"trinolab.datasets": "trinolab.files"}  # they import each other's m
 NOT_SHOWN = {
     "trinolab",
     "trinolab.__main__",
+    "satellites",
     "workbench",
     "workbench.browser",
     "workbench.pages",
@@ -96,7 +96,7 @@ def draw_house() -> Figure:
 
 def _draw_room(ax: plt.Axes, room: str, x: float, y: float) -> None:
     folder = is_folder(room)
-    workbench = room.startswith("workbench.")
+    workbench = not room.startswith("trinolab.")
     name = room.partition(".")[2]
     hosted = [guest.partition(".")[2] for guest, host in TOGETHER.items() if host == room]
     ax.add_patch(

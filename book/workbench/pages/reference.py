@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 
 import nbformat
 
+import satellites
 import trinolab
 import workbench
 
@@ -137,7 +138,7 @@ def pages() -> dict[str, tuple[str, list[ModuleType]]]:
     }
     wings = {
         folder: (folder, modules_of(package, folder))
-        for package in (trinolab, workbench)
+        for package in (trinolab, workbench, satellites)
         for folder in folders(package)
     }
     beside = [
@@ -297,7 +298,7 @@ def _rst(text: str) -> list[str]:
 
 
 def _short(module: ModuleType) -> str:
-    return module.__name__.removeprefix("trinolab.").removeprefix("workbench.")
+    return module.__name__.partition(".")[2] or module.__name__
 
 
 def _anchor(module: ModuleType) -> str:
@@ -440,7 +441,7 @@ def _plain(app: Any, env: Any, node: Any, contnode: Any) -> Any:
     must be there.
     """
     mine = node.get("refdomain") != "py" or node.get("reftarget", "").startswith(
-        ("trinolab.", "workbench.")
+        ("trinolab.", "workbench.", "satellites.")
     )
     return None if mine else contnode
 

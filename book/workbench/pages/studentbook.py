@@ -52,7 +52,7 @@ def build_student_book() -> bool:
 
 def write_sources(folder: Path) -> None:
     """Write what the students' pages are built from into a folder of their own."""
-    kept_back = shutil.ignore_patterns("teaching", "workbench", "lab", "__pycache__")
+    kept_back = shutil.ignore_patterns("teaching", "workbench", "satellites", "lab", "__pycache__")
     shutil.copytree(ROOT / "book", folder / "book", ignore=kept_back)
     shutil.copytree(GENERATED, folder / "_build" / "generated", ignore=_teachers_parts)
     shutil.copytree(ROOT / "data", folder / "data", ignore=shutil.ignore_patterns("exercises"))

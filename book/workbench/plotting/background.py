@@ -4,10 +4,9 @@ they are.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
@@ -115,26 +114,3 @@ def plot_verdicts(masks: Mapping[str, ArrayLike], inside: ArrayLike, outside: Ar
     ]
     figure.legend(handles=patches, ncols=len(patches), loc="outside lower center")
     return figure
-
-
-def show_table(
-    values: ArrayLike,
-    rows: Sequence[float],
-    columns: Sequence[float],
-    names: tuple[str, str],
-    title: str,
-    ax: Axes,
-) -> None:
-    """Show numbers from 0 to 100, one for each of `rows` and `columns`, the darker the larger.
-
-    `names` are those of the rows and of the columns.
-    """
-    table = as_array(values, "values", (len(rows), len(columns)))
-    ax.imshow(table, cmap="Blues", vmin=0, vmax=100, aspect="auto")
-    for (i, j), value in np.ndenumerate(table):
-        ax.text(
-            j, i, f"{value:.2f}", ha="center", va="center", color="white" if value > 55 else "black"
-        )
-    ax.set(title=title, xlabel=names[1], ylabel=names[0])
-    ax.set_xticks(range(len(columns)), [f"{column:g}" for column in columns])
-    ax.set_yticks(range(len(rows)), [f"{row:g}" for row in rows])

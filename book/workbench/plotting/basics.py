@@ -1,4 +1,8 @@
-"""Images, curves and pose errors, and the colours that all figures share."""
+"""Images, curves and tables of several chapters, and the style and the colours that all figures share.
+
+Colours are those of Okabe and Ito, which colour-blind readers can tell apart, on white, whatever
+the page's theme.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +14,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike
 
-from trinolab.checks import Array, as_image, as_points
-from trinolab.workspace.cones import Cone
+from trinolab.checks import Array, as_array, as_image, as_points
+from trinolab.window import Window
 
 STYLE = Path(__file__).with_name("trinolab.mplstyle")
 # one per camera, or one per spot
@@ -53,34 +59,6 @@ def row_of_panels(
         squeeze=False,
     )
     return figure, list(axes[0])
-
-
-def plot_pose_errors(
-    position_mm: ArrayLike, angles_deg: ArrayLike, labels: Sequence[Any] | None = None
-) -> Figure:
-    """Position errors (n,) in mm and signed angle errors (n, 3) in deg, pose by pose, with their
-    means.
-
-    `labels` names the poses; 1, 2, ... without it. The dashed line is the mean absolute error
-    (Eq. 26, 27), the dotted one the signed mean.
-    """
-    angles = as_points(angles_deg, "angles_deg", 3)
-    panels = np.column_stack(
-        [as_points(np.reshape(position_mm, (-1, 1)), "position_mm", 1), angles]
-    )
-    figure, axes = subplots(4, 1, figsize=(6.9, 6.4), sharex=True)
-    titles = ("position / mm", r"$\alpha$ / deg", r"$\beta$ / deg", r"$\gamma$ / deg")
-    ticks = np.arange(1, len(panels) + 1)
-    for ax, values, title, colour in zip(axes, panels.T, titles, COLOURS, strict=False):
-        ax.bar(ticks, values, color=colour)
-        ax.axhline(0.0, color="black", linewidth=0.8)
-        ax.axhline(np.mean(np.abs(values)), color="black", linestyle="--", label="mean absolute")
-        ax.axhline(np.mean(values), color="black", linestyle=":", label="signed mean")
-        ax.set(ylabel=title)
-    axes[0].legend(ncols=2, fontsize=9)
-    axes[-1].set_xticks(ticks, [str(label) for label in (ticks if labels is None else labels)])
-    axes[-1].set_xlabel("pose")
-    return figure
 
 
 def show_image(
@@ -143,6 +121,24 @@ def show_frames(
     return figure
 
 
+def mark_window(
+    ax: Axes, window: Window, label: str = "", colour: str = COLOURS[1], style: str = "-"
+) -> None:
+    """Draw a window into an image's axes, around all of its pixels."""
+    ax.add_patch(
+        Rectangle(
+            (window.u - 0.5, window.v - 0.5),
+            window.width,
+            window.height,
+            fill=False,
+            edgecolor=colour,
+            linestyle=style,
+            linewidth=1.5,
+            label=label,
+        )
+    )
+
+
 def plot_curves(
     x: ArrayLike,
     curves: Mapping[str, ArrayLike],
@@ -167,6 +163,74 @@ def plot_curves(
     return ax
 
 
+def plot_with_intervals(
+    curves: Mapping[str, tuple[Sequence[float], ArrayLike]],
+    xlabel: str,
+    ylabel: str,
+    log: str = "",
+    level: tuple[float, str] | None = None,
+) -> Axes:
+    """Curves with bars that reach from the low to the high end of an interval.
+
+    Parameters
+    ----------
+    curves : mapping of str to (x (n,), y (n, 3))
+        The columns of y: value, low end, high end. Without an interval the ends are NaN.
+    xlabel, ylabel : str
+    log : str
+        The logarithmic axes: "x", "y", "xy".
+    level : (float, str), optional
+        A horizontal dotted line and its name.
+    """
+    _, ax = subplots(figsize=(6.9, 3.2))
+    ticks = set[float]()
+    for (name, (x, y)), colour, style in zip(
+        curves.items(), COLOURS[:3] + COLOURS[4:5], ("o-", "s--", "^-.", "D:"), strict=False
+    ):
+        value, low, high = as_array(y, name, (len(x), 3), finite=False).T
+        bars = np.nan_to_num([value - low, high - value])
+        ax.errorbar(x, value, bars, fmt=style, color=colour, capsize=3, label=name)
+        ticks |= {float(one) for one in x}
+    if level is not None:
+        ax.axhline(level[0], color="black", linestyle=":", label=level[1])
+    ax.set(xlabel=xlabel, ylabel=ylabel)
+    ax.set(xscale="log" if "x" in log else "linear", yscale="log" if "y" in log else "linear")
+    ax.set_xticks(sorted(ticks), [f"{tick:g}" for tick in sorted(ticks)])
+    ax.minorticks_off()
+    if "y" in log:
+        ax.yaxis.set(
+            major_locator=LogLocator(subs=(1, 2, 3, 5)),
+            major_formatter="{x:g}",
+            minor_formatter="",
+        )
+    ax.grid(axis="y", alpha=0.3)
+    ax.legend(fontsize=9)
+    return ax
+
+
+def show_table(
+    values: ArrayLike,
+    rows: Sequence[float],
+    columns: Sequence[float],
+    names: tuple[str, str],
+    title: str,
+    ax: Axes,
+) -> None:
+    """Show numbers from 0 to 100, one for each of `rows` and `columns`, the darker the larger.
+
+    `names` are those of the rows and of the columns.
+    """
+    table = as_array(values, "values", (len(rows), len(columns)))
+    ax.imshow(table, cmap="Blues", vmin=0, vmax=100, aspect="auto")
+    for (i, j), value in np.ndenumerate(table):
+        ax.text(
+            j, i, f"{value:.2f}", ha="center", va="center", color="white" if value > 55 else "black"
+        )
+    ax.set(title=title, xlabel=names[1], ylabel=names[0])
+    ax.set_xticks(range(len(columns)), [f"{column:g}" for column in columns])
+    ax.set_yticks(range(len(rows)), [f"{row:g}" for row in rows])
+
+
 def _mark(ax: Axes, uv: Array, labels: Sequence[Any] | None) -> None:
     ax.plot(uv[:, 0], uv[:, 1], "+", color=COLOURS[1], markersize=9)
     for k, (u, v) in enumerate(uv):
@@ -179,9 +243,3 @@ def _mark(ax: Axes, uv: Array, labels: Sequence[Any] | None) -> None:
                 color=COLOURS[1],
                 fontsize=9,
             )
-
-
-def _names(cones: Sequence[Cone], names: Sequence[str] | None) -> Sequence[str]:
-    if names is not None and len(names) != len(cones):
-        raise ValueError(f"names: expected {len(cones)}, one a cone, got {len(names)}")
-    return names if names is not None else [f"cone {k + 1}" for k in range(len(cones))]

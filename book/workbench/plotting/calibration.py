@@ -1,23 +1,37 @@
-"""Pictures of a calibration: where the board was held, what its images say of the lens, how far off
-the cameras come out.
-"""
+"""Figures of a calibration: where the board was held, its residuals, and what its errors cost."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import io
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
+import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.camera import Rig
-from trinolab.checks import as_array, as_points
+from trinolab.checks import Array, as_array, as_points
 
-from .basics import COLOURS, row_of_panels, subplots
+from .basics import COLOURS, subplots
 from .pose import FRAME_COLOURS, draw_frame, oblique
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from trinolab.calibration.adjust import Calibrated
+    from trinolab.calibration.views import TargetViews
+
+_EXACT = 3.0  # how far to the left of the first level an exact rig is drawn
+_CALIBRATION_PANELS = {
+    "E_t_mm": "$E_t$ / mm",
+    "geodesic_deg": "geodesic angle / deg",
+    "measured": "measured",
+    "off": "off by 2 mm or 5°",
+}
 
 
 def plot_boards(rig: Rig, outline: ArrayLike, T_world_board: RigidTransform) -> Figure:
@@ -56,129 +70,172 @@ def plot_boards(rig: Rig, outline: ArrayLike, T_world_board: RigidTransform) -> 
     return figure
 
 
-def plot_grids(panels: Mapping[str, Mapping[str, ArrayLike]]) -> Figure:
-    """Images of regular grids of points, laid over each other, a panel a comparison.
+def plot_calibration_error(table: pd.DataFrame, handle: str, limit_mm: float) -> Figure:
+    """Pose errors, and the poses that are measured, over the error of the calibration: a colour a
+    rig, a style an estimator, bands of 95 %.
 
     Parameters
     ----------
-    panels : mapping
-        From a panel's title to its grids; these from their name to pixels, shape (rows, columns,
-        2). The first is drawn in lines, the others in dots.
+    table : pandas.DataFrame
+        ``data/sweeps/calibration_error.csv``; what is changed are principal points and
+        directions. The exact rig stands at the left edge.
+    handle : str
+        Whose rows are shown.
+    limit_mm : float
+        Of E_t, a dotted line.
+
+    Raises
+    ------
+    ValueError
+        If the table has no row of that handle.
     """
-    figure, axes = row_of_panels(len(panels), (6.9, 3.0))
-    for ax, (title, grids) in zip(axes, panels.items(), strict=True):
-        for k, (name, uv) in enumerate(grids.items()):
-            grid = as_array(uv, name, (None, None, 2))
-            if k == 0:
-                ax.plot(*grid.transpose(2, 0, 1), color=COLOURS[0], linewidth=1)
-                ax.plot(*grid.transpose(2, 1, 0), color=COLOURS[0], linewidth=1)
-                ax.plot([], [], color=COLOURS[0], label=name)
-            else:
-                ax.plot(*grid.reshape(-1, 2).T, "o", color=COLOURS[4], markersize=3, label=name)
-        ax.set(title=title, xlabel="u / px", aspect="equal")
-        ax.invert_yaxis()
-    axes[0].set(ylabel="v / px")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
-    return figure
-
-
-def plot_relative_errors(
-    each: ArrayLike, combined: Mapping[str, tuple[ArrayLike, ArrayLike]]
-) -> Figure:
-    """Errors of a translation, a panel a component.
-
-    Parameters
-    ----------
-    each : array_like, shape (n, 3)
-        From each position of a target alone, mm.
-    combined : mapping of str to (error (3,), sigma (3,))
-        From all positions together, by several methods: mm, drawn with one standard deviation.
-    """
-    single = as_points(each, "each", 3)
-    figure, axes = row_of_panels(3, (6.9, 3.0))
-    for k, ax in enumerate(axes):
-        ax.plot(np.arange(len(single)), single[:, k], "o", color="grey", label="one position")
-        for n, (name, (error, sigma)) in enumerate(combined.items(), start=1):
-            at = len(single) + 2 * n
-            values = as_array(error, name, (3,))[k], as_array(sigma, name, (3,))[k]
-            ax.errorbar(
-                at, *values, fmt="os^"[n], color=COLOURS[(0, 4, 2)[n]], capsize=4, label=name
-            )
-        ax.axhline(0.0, color="black", linewidth=0.8)
-        ax.set(title=f"${'xyz'[k]}$", xlabel="position of the board")
-        ax.set_xticks(np.arange(0, len(single), 5))
-    axes[0].set(ylabel="error of $T_{rl}$ / mm")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    return figure
-
-
-def plot_chi_square(values: ArrayLike, degrees: int, xlabel: str) -> Axes:
-    """How numbers are distributed that should be chi-square with so many degrees of freedom.
-
-    Parameters
-    ----------
-    values : array_like, shape (n,)
-    degrees : int
-    xlabel : str
-    """
-    from scipy.stats import chi2  # 0.4 s, which other figures need not wait for
-
-    statistics = as_array(values, "values", (None,))
-    reach = max(float(chi2.ppf(0.9999, degrees)), 1.05 * float(statistics.max()))
-    x = np.linspace(0, reach, 300)
-    _, ax = subplots(figsize=(6.9, 2.8))
-    edges = np.linspace(0, reach, 16).tolist()
-    ax.hist(statistics, bins=edges, density=True, color=COLOURS[3], label="drawn")
-    expected = f"chi-square, {degrees} degrees of freedom"
-    ax.plot(x, chi2.pdf(x, degrees), color="black", label=expected)
-    low, high = chi2.ppf([0.025, 0.975], degrees)
-    for edge, label in ((low, "95 % lie between"), (high, None)):
-        ax.axvline(edge, color=COLOURS[4], linestyle="--", label=label)
-    ax.set(xlabel=xlabel, ylabel="probability density")
-    ax.legend(fontsize=9)
-    return ax
-
-
-def plot_with_intervals(
-    curves: Mapping[str, tuple[Sequence[float], ArrayLike]],
-    xlabel: str,
-    ylabel: str,
-    log: str = "",
-    level: tuple[float, str] | None = None,
-) -> Axes:
-    """Curves with bars that reach from the low to the high end of an interval.
-
-    Parameters
-    ----------
-    curves : mapping of str to (x (n,), y (n, 3))
-        The columns of y: value, low end, high end. Without an interval the ends are NaN.
-    xlabel, ylabel : str
-    log : str
-        The logarithmic axes: "x", "y", "xy".
-    level : (float, str), optional
-        A horizontal dotted line and its name.
-    """
-    _, ax = subplots(figsize=(6.9, 3.2))
-    ticks = set[float]()
-    for (name, (x, y)), colour, style in zip(
-        curves.items(), COLOURS[:3] + COLOURS[4:5], ("o-", "s--", "^-.", "D:"), strict=False
-    ):
-        value, low, high = as_array(y, name, (len(x), 3), finite=False).T
-        bars = np.nan_to_num([value - low, high - value])
-        ax.errorbar(x, value, bars, fmt=style, color=colour, capsize=3, label=name)
-        ticks |= {float(one) for one in x}
-    if level is not None:
-        ax.axhline(level[0], color="black", linestyle=":", label=level[1])
-    ax.set(xlabel=xlabel, ylabel=ylabel)
-    ax.set(xscale="log" if "x" in log else "linear", yscale="log" if "y" in log else "linear")
-    ax.set_xticks(sorted(ticks), [f"{tick:g}" for tick in sorted(ticks)])
-    ax.minorticks_off()
-    if "y" in log:
-        ax.yaxis.set(
-            major_locator=LogLocator(subs=(1, 2, 3, 5)),
-            major_formatter="{x:g}",
-            minor_formatter="",
+    rows = table[(table["handle"] == handle) & (table["changed"] == "directions")]
+    if rows.empty:
+        raise ValueError(
+            f"handle: expected one of {', '.join(table['handle'].unique())}, got {handle!r}"
         )
-    ax.grid(axis="y", alpha=0.3)
-    ax.legend(fontsize=9)
-    return ax
+    exact = rows.loc[rows["centre_px"] > 0, "centre_px"].min() / _EXACT
+    with plt.rc_context({"font.size": 9}):
+        figure, axes = subplots(
+            2,
+            2,
+            figsize=(7.0, 5.2),
+            sharex=True,
+            height_ratios=(2.2, 1),
+        )
+        for ax, (column, ylabel) in zip(axes.flat, _CALIBRATION_PANELS.items(), strict=True):
+            for (rig, estimator), curve in rows.groupby(["rig", "estimator"], sort=False):
+                colour = COLOURS[0 if rig == rows["rig"].iloc[0] else 4]
+                style = "s--" if estimator == rows["estimator"].iloc[0] else "o-"
+                x = curve["centre_px"].where(curve["centre_px"] > 0, exact)
+                ax.plot(
+                    x, curve[column], style, color=colour, label=f"{rig}, {estimator}", markersize=4
+                )
+                ax.fill_between(
+                    x,
+                    curve[f"{column}_low"],
+                    curve[f"{column}_high"],
+                    color=colour,
+                    alpha=0.2,
+                    lw=0,
+                )
+            ax.set(xscale="log", ylabel=ylabel)
+            ax.grid(alpha=0.3)
+        for ax in axes[0]:
+            ax.set(yscale="log")
+            ax.yaxis.set(major_formatter="{x:g}", minor_formatter="")
+            above = ax.secondary_xaxis("top", functions=_between(rows))
+            above.set(xlabel="each camera turned about an axis by / deg")
+            above.set_xticks(
+                ticks := [0.0005, 0.0015, 0.005, 0.015, 0.05], map("{:g}".format, ticks)
+            )
+            above.minorticks_off()
+        axes[0, 0].axhline(limit_mm, color="black", linestyle=":", label=f"{limit_mm:g} mm")
+        for ax in axes[1]:
+            ax.set(xlabel="each principal point off by / px", ylim=(-0.03, 1.03))
+        named = {exact: "exact"} | {px: f"{px:g}" for px in (0.01, 0.03, 0.1, 0.3, 1.0)}
+        axes[1, 0].set_xticks(list(named), list(named.values()))
+        axes[1, 0].minorticks_off()
+        figure.legend(
+            *axes[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=3, fontsize=9
+        )
+    return figure
+
+
+def _between(rows: pd.DataFrame) -> tuple[Callable[[Array], Array], Callable[[Array], Array]]:
+    """From the principal points' error to the directions', and back."""
+    last = rows.iloc[-1]
+    ratio = last["turn_deg"] / last["centre_px"]
+    return (lambda px: px * ratio, lambda deg: deg / ratio)
+
+
+def plot_residuals(
+    uv: ArrayLike,
+    residuals_px: ArrayLike,
+    sizes: Sequence[tuple[int, int]],
+    names: Sequence[str],
+    views: Sequence[str],
+) -> Figure:
+    """Residuals as arrows in each camera's image, and their rms a view below.
+
+    Parameters
+    ----------
+    uv : array_like, shape (cameras, views, n, 2)
+        Measured points, px.
+    residuals_px : array_like, shape (cameras, views, n, 2)
+        Projected minus measured; NaN for what was not used.
+    sizes : sequence of (int, int)
+        Width and height of each camera's images.
+    names, views : sequence of str
+    """
+    uv = as_array(uv, "uv", (len(names), len(views), None, 2), finite=False)
+    off = as_array(residuals_px, "residuals_px", uv.shape, finite=False)
+    figure = Figure(
+        figsize=(max(4.2 * len(names), 8.4), 6.6), layout="constrained", facecolor="white"
+    )
+    grid = figure.add_gridspec(2, len(names), height_ratios=(3, 2))
+    for k, name in enumerate(names):
+        _arrows(
+            figure.add_subplot(grid[0, k]), uv[k], off[k], sizes[k], name, COLOURS[k % len(COLOURS)]
+        )
+    _bars(figure.add_subplot(grid[1, :]), np.linalg.norm(off, axis=3), names, views)
+    return figure
+
+
+def picture_of_residuals(seen: TargetViews, calibrated: Calibrated) -> bytes:
+    """The figure of `plot_residuals` as a PNG, for `calibrate_rig`."""
+    figure = plot_residuals(seen.uv, calibrated.residuals_px, seen.sizes, seen.cameras, seen.views)
+    file = io.BytesIO()
+    figure.savefig(file, format="png", dpi=120)
+    return file.getvalue()
+
+
+def _arrows(ax: Axes, uv: Array, off: Array, size: tuple[int, int], name: str, colour: str) -> None:
+    """One camera's residuals, magnified by a power of ten; most are shorter than a tenth of the
+    image's width.
+    """
+    used = np.isfinite(off).all(axis=2) & np.isfinite(uv).all(axis=2)
+    start, arrow = uv[used], off[used]
+    length = np.linalg.norm(arrow, axis=1)
+    largest = np.quantile(length, 0.98) if len(length) and length.max() > 0 else 1.0
+    factor = 10 ** np.floor(np.log10(0.1 * size[0] / largest))
+    ax.quiver(
+        *start.T,
+        *(factor * arrow).T,
+        color=colour,
+        angles="xy",
+        scale_units="xy",
+        scale=1,
+        width=0.002,
+    )
+    rms = np.sqrt(np.mean(length**2)) if len(length) else np.nan
+    ax.set(
+        title=f"{name}: {rms:.3f} px rms, arrows x {factor:g}",
+        xlim=(-0.5, size[0] - 0.5),
+        ylim=(size[1] - 0.5, -0.5),
+        aspect="equal",
+        xlabel="u / px",
+        ylabel="v / px",
+    )
+
+
+def _bars(ax: Axes, distances: Array, names: Sequence[str], views: Sequence[str]) -> None:
+    """The rms of each camera's views, beside each other."""
+    width = 0.8 / len(names)
+    at = np.arange(len(views))
+    count = np.isfinite(distances).sum(axis=2)
+    rms = np.sqrt(np.nansum(distances**2, axis=2) / np.maximum(count, 1))
+    for k, (name, heights) in enumerate(zip(names, rms, strict=True)):
+        ax.bar(
+            at + width * (k - (len(names) - 1) / 2),
+            heights,
+            width,
+            color=COLOURS[k % len(COLOURS)],
+            label=name,
+        )
+    step = -(-len(views) // 25)
+    ax.set_xticks(
+        at[::step], [str(view) for view in views[::step]], rotation=60, ha="right", fontsize=7
+    )
+    ax.set(ylabel="rms / px", xlabel="view (no bar: not used)")
+    ax.legend(fontsize=8)

@@ -1,6 +1,4 @@
-"""Figures of what is found in images: moving windows, markers, centroids, and a target followed
-(Fig. 6).
-"""
+"""Figures of markers: the contours at every threshold, a marker on its rod, biases of centroids."""
 
 from __future__ import annotations
 
@@ -9,15 +7,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Rectangle
 from numpy.typing import ArrayLike
 
 from trinolab.checks import Array
-from trinolab.window import Window
 
 from .basics import COLOURS, show_image, subplots
-
-MARGIN_PX = 150
 
 
 def plot_thresholds(
@@ -135,76 +129,3 @@ def plot_over_slant(
     ax.yaxis.set(major_formatter="{x:g}")
     ax.legend(fontsize=9)
     return ax
-
-
-def mark_window(
-    ax: Axes, window: Window, label: str = "", colour: str = COLOURS[1], style: str = "-"
-) -> None:
-    """Draw a window into an image's axes, around all of its pixels."""
-    ax.add_patch(
-        Rectangle(
-            (window.u - 0.5, window.v - 0.5),
-            window.width,
-            window.height,
-            fill=False,
-            edgecolor=colour,
-            linestyle=style,
-            linewidth=1.5,
-            label=label,
-        )
-    )
-
-
-def plot_following(
-    image: ArrayLike, searched: Window | None, boxes: Sequence[Window | None], found: Array
-) -> Figure:
-    """One instant twice, cut out: where the filter looks, and what it finds there.
-
-    Parameters
-    ----------
-    image : array_like, shape (height, width)
-    searched : Window
-        Where the filter looks for the markers.
-    boxes : sequence of Window
-        The rectangle of the markers at the instants up to this one: two or more.
-    found : ndarray, shape (n, 2)
-        The markers, px.
-    """
-    known = [box for box in boxes if box is not None]
-    if len(known) < max(len(boxes), 2) or searched is None:
-        raise ValueError(
-            f"boxes: expected two or more with markers, got {len(known)} of {len(boxes)}"
-        )
-    centres = np.array([box.centre for box in known])
-    view = searched.grown(MARGIN_PX).clipped(np.shape(image)[::-1]) or searched
-    figure, axes = subplots(1, 2, figsize=(8.5, 5.2))
-    for ax, title, title_image, points in zip(
-        axes,
-        ("(c) predicted", "(d) found and corrected"),
-        (None, found),
-        (centres[:-1], centres),
-        strict=True,
-    ):
-        show_image(image, title_image, title=title, ax=ax)
-        outline(ax, searched, COLOURS[1], "search window")
-        ax.plot(points[:, 0], points[:, 1], ".-", color=COLOURS[2], label="centres so far")
-        ax.set(xlim=(view.u, view.u + view.width), ylim=(view.v + view.height, view.v))
-    outline(axes[0], known[-2], COLOURS[3], "markers, one instant ago")
-    outline(axes[1], known[-1], COLOURS[3], "markers now")
-    for ax in axes:
-        ax.legend(fontsize=8, loc="lower right")
-    return figure
-
-
-def outline(ax: Axes, window: Window, colour: str, label: str) -> None:
-    ax.add_patch(
-        Rectangle(
-            (window.u - 0.5, window.v - 0.5),
-            window.width,
-            window.height,
-            fill=False,
-            edgecolor=colour,
-            linewidth=2,
-            label=label,
-        )
-    )

@@ -1,6 +1,4 @@
-"""Pictures of the slave: the arm with its frames, a session over time, a delay taken apart, and the
-slave as one end of a two-port.
-"""
+"""The slave: the arm with its frames, a session over time, and one end of a two-port."""
 
 from __future__ import annotations
 
@@ -102,60 +100,6 @@ def plot_session(
     if len(labels) > 1:
         figure.legend(handles, labels, loc="outside upper center", ncols=4, fontsize=9)
     return figure
-
-
-def plot_delays(budget_ms: Mapping[str, float], measured_ms: Mapping[str, float]) -> Axes:
-    """A delay by its stages: what is expected of each, and what is measured, as bars side by side.
-
-    Parameters
-    ----------
-    budget_ms, measured_ms : mapping of str to float
-        ms, by the same names.
-    """
-    if list(budget_ms) != list(measured_ms):
-        raise ValueError("measured_ms: expected the names of budget_ms")
-    _, ax = subplots(figsize=(6.9, 0.75 + 0.36 * len(budget_ms)))
-    place = np.arange(len(budget_ms))
-    rows = ({"budget": budget_ms, "measured": measured_ms}).items()
-    for (name, values), shift, colour in zip(rows, (-0.2, 0.2), COLOURS, strict=False):
-        ax.barh(place + shift, list(values.values()), 0.38, color=colour, label=name)
-    ax.set_yticks(place, list(budget_ms))
-    ax.invert_yaxis()
-    ax.set(xlabel="ms")
-    ax.grid(axis="x", alpha=0.3)
-    ax.legend(fontsize=9)
-    return ax
-
-
-def plot_exceedance(
-    values: Mapping[str, ArrayLike], label: str, limits: Mapping[str, float]
-) -> Axes:
-    """Which share of values lies at or above each value, both axes logarithmic, so that the rare
-    large ones show.
-
-    Parameters
-    ----------
-    values : mapping of str to array_like, shape (n,)
-        Positive, by their name.
-    label : str
-        Of the horizontal axis.
-    limits : mapping of str to float
-        Upright lines, by what is written beside them.
-    """
-    _, ax = subplots(figsize=(6.9, 3.3))
-    for (name, some), colour, line in zip(values.items(), COLOURS, ("--", "-"), strict=False):
-        ordered = np.sort(np.asarray(some, float))
-        share = (len(ordered) - np.arange(len(ordered))) / len(ordered)
-        ax.step(ordered, share, line, where="pre", color=colour, label=name, linewidth=1.6)
-    ax.set(xscale="log", yscale="log", xlabel=label, ylabel="share that is as slow, or slower")
-    for text, value in limits.items():
-        ax.axvline(value, color="black", linestyle=":", linewidth=1)
-        ax.annotate(
-            text, (value, 0.02), (4, 0), ("data", "axes fraction"), "offset points", fontsize=9
-        )
-    ax.grid(which="both", alpha=0.3)
-    ax.legend(fontsize=9, loc="lower left")
-    return ax
 
 
 def plot_two_port() -> Figure:

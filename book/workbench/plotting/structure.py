@@ -1,5 +1,5 @@
-"""The paper's Fig. 1 and 2, drawn anew from the text: the master-slave system and the master's
-chain as loops.
+"""Where the cameras stand, and the paper's Fig. 1 and 2, drawn anew from the text: the master-slave
+system and the master's chain as loops.
 """
 
 from __future__ import annotations
@@ -11,8 +11,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from numpy.typing import ArrayLike
 
-from .basics import subplots
+from trinolab.checks import as_points
+
+from .basics import COLOURS, subplots
 
 SYSTEM = {
     "operator": (0, 1),
@@ -38,6 +41,7 @@ MASTER = {
 }
 
 CHARACTER_IN, PAD_IN = 0.07, 0.16  # width of a letter and of a box around 9 pt text
+FRUSTUM_MM = 90.0  # length of the pyramids that stand for cameras
 HANDED_ON = ("grey", "mask", "px", "centroids", "pairs", "mm", "mm, rad", "next instant")
 
 
@@ -108,3 +112,68 @@ def _loop(
         )
     ax.set(title=title, xlim=(-0.5, 3.6), ylim=(-0.5, 2.6))
     ax.axis("off")
+
+
+def plot_rig(
+    views: Mapping[str, tuple[ArrayLike, ArrayLike]],
+    rod: ArrayLike,
+    markers: ArrayLike,
+    axes: ArrayLike,
+) -> Figure:
+    """The cameras and the rod in space; the world's y, which points down, is drawn downwards.
+
+    Parameters
+    ----------
+    views : mapping of str to (centre (3,), corners (4, 3))
+        For each camera's name its centre and the corners of what it sees, at any distance, world
+        frame, mm.
+    rod : array_like, shape (2, 3)
+        The ends of the rod, world frame, mm.
+    markers : array_like, shape (m, 3)
+        The centres of its markers, world frame, mm.
+    axes : array_like, shape (4, 3)
+        The origin of the handle's frame and the tips of its axes x, y, z, world frame, mm.
+    """
+    figure = plt.figure(figsize=(7.5, 5.5), layout="constrained", facecolor="white")
+    ax = figure.add_subplot(projection="3d")
+
+    def draw(points: ArrayLike, colour: str, width: float = 1.0) -> None:
+        x, y, z = as_points(points, "points", 3).T
+        ax.plot(x, z, y, color=colour, linewidth=width)
+
+    for (name, (centre, corners)), colour in zip(views.items(), COLOURS, strict=False):
+        start, ends = np.asarray(centre, float), as_points(corners, "corners", 3)
+        rays = ends - start
+        tips = start + FRUSTUM_MM * rays / np.linalg.norm(rays, axis=1, keepdims=True)
+        for tip in tips:
+            draw([start, tip], colour)
+        draw([*tips, tips[0]], colour, 2.0)
+        # behind the camera, where none of its lines is
+        ax.text(
+            start[0],
+            start[2],
+            start[1],
+            f"{name} ",
+            color=colour,
+            fontsize=12,
+            ha="right",
+            va="center",
+        )
+        sight = np.array([start, np.asarray(axes, float)[0]]).T
+        ax.plot(sight[0], sight[2], sight[1], color=colour, linewidth=0.8, linestyle=":")
+    draw(rod, "0.35", 6.0)
+    spots = as_points(markers, "markers", 3)
+    ax.scatter(spots[:, 0], spots[:, 2], spots[:, 1], s=14, color="k", depthshade=False)
+    origin, *tips_of_axes = as_points(axes, "axes", 3)
+    for end, colour, name in zip(tips_of_axes, ("red", "green", "blue"), "xyz", strict=True):
+        draw([origin, end], colour, 2.5)
+        beyond = end + 0.3 * (end - origin)
+        middle = {"ha": "center", "va": "center"}
+        ax.text(beyond[0], beyond[2], beyond[1], f"${name}$", color=colour, fontsize=12, **middle)
+    ax.set(xlabel="$x$ / mm", ylabel="$z$ / mm", zlabel="$y$ / mm")
+    for axis in "xyz":
+        ax.locator_params(axis=axis, nbins=4)
+    ax.invert_zaxis()
+    ax.set_aspect("equal")
+    ax.view_init(elev=18, azim=-35)
+    return figure

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -62,27 +62,31 @@ def plot_errors_in_space(positions: ArrayLike, errors: ArrayLike, magnified: flo
     return figure
 
 
-def plot_factors(curves: Mapping[str, tuple[ArrayLike, ArrayLike, float]], ylabel: str) -> Figure:
-    """Four curves over four parameters, in two rows with one logarithmic y axis.
+def plot_pose_errors(
+    position_mm: ArrayLike, angles_deg: ArrayLike, labels: Sequence[Any] | None = None
+) -> Figure:
+    """Position errors (n,) in mm and signed angle errors (n, 3) in deg, pose by pose, with their
+    means.
 
-    Parameters
-    ----------
-    curves : mapping of str to (x (n,), y (n,), paper)
-        By the name of the x axis; a dotted line marks the paper's working point.
-    ylabel : str
+    `labels` names the poses; 1, 2, ... without it. The dashed line is the mean absolute error
+    (Eq. 26, 27), the dotted one the signed mean.
     """
-    figure, grid = subplots(2, 2, figsize=(COLUMN_IN, 5.0), sharey=True)
-    for ax, (xlabel, (x, y, paper)) in zip(grid.flat, curves.items(), strict=True):
-        ax.semilogy(x, y, "o-", color=COLOURS[0])
-        ax.axvline(paper, color="black", linestyle=":", label="the paper")
-        ax.set(xlabel=xlabel)
-        ax.yaxis.set(major_formatter="{x:g}", minor_formatter="")
-        ax.set_yticks([0.05, 0.1, 0.2, 0.3])
-        ax.locator_params(axis="x", nbins=5)
-        ax.grid(axis="y", alpha=0.3)
-    for ax in grid[:, 0]:
-        ax.set_ylabel(ylabel)
-    grid[0, 0].legend()
+    angles = as_points(angles_deg, "angles_deg", 3)
+    panels = np.column_stack(
+        [as_points(np.reshape(position_mm, (-1, 1)), "position_mm", 1), angles]
+    )
+    figure, axes = subplots(4, 1, figsize=(6.9, 6.4), sharex=True)
+    titles = ("position / mm", r"$\alpha$ / deg", r"$\beta$ / deg", r"$\gamma$ / deg")
+    ticks = np.arange(1, len(panels) + 1)
+    for ax, values, title, colour in zip(axes, panels.T, titles, COLOURS, strict=False):
+        ax.bar(ticks, values, color=colour)
+        ax.axhline(0.0, color="black", linewidth=0.8)
+        ax.axhline(np.mean(np.abs(values)), color="black", linestyle="--", label="mean absolute")
+        ax.axhline(np.mean(values), color="black", linestyle=":", label="signed mean")
+        ax.set(ylabel=title)
+    axes[0].legend(ncols=2, fontsize=9)
+    axes[-1].set_xticks(ticks, [str(label) for label in (ticks if labels is None else labels)])
+    axes[-1].set_xlabel("pose")
     return figure
 
 

@@ -1,6 +1,4 @@
-"""Figures of what a hand feels: impedances, Nyquist curves, the largest stable stiffness (beyond
-the paper).
-"""
+"""Nyquist curves and the largest stable stiffness of a wall (beyond the paper)."""
 
 from __future__ import annotations
 
@@ -42,26 +40,6 @@ def plot_nyquist(curves: Mapping[str, tuple[ArrayLike, ArrayLike]], widest: floa
     )
     ax.grid(alpha=0.3)
     ax.legend(loc="lower right", fontsize=9)
-    return figure
-
-
-def plot_impedances(omega: ArrayLike, sizes: Mapping[str, ArrayLike]) -> Figure:
-    """Sizes of impedances over the frequency, on logarithmic axes.
-
-    Parameters
-    ----------
-    omega : array_like, shape (n,)
-        rad/s.
-    sizes : mapping of str to array_like, shape (n,)
-        N s/m, by the name of the curve.
-    """
-    figure, ax = subplots(figsize=(6.9, 3.6))
-    looks = ("-", "-", "--", ":")
-    for (name, values), colour, look in zip(sizes.items(), COLOURS, looks, strict=False):
-        ax.loglog(omega, values, look, color=colour, label=name)
-    ax.set(xlabel=r"$\omega$ / (rad/s)", ylabel="impedance / (N s/m)")
-    ax.grid(alpha=0.3)
-    ax.legend(fontsize=9)
     return figure
 
 

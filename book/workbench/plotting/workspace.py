@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull
 from trinolab.checks import Array, as_points
 from trinolab.workspace.cones import Cone, cone_surface
 
-from .basics import COLOURS, _names, subplots
+from .basics import COLOURS, subplots
 
 if TYPE_CHECKING:
     import pyvista
@@ -274,3 +274,9 @@ def _fill(ax: Axes, points: Array, colour: str, alpha: float, label: str) -> Non
     border = points[ConvexHull(points).vertices]
     ax.fill(border[:, 0], border[:, 1], facecolor=colour, alpha=alpha, label=label)
     ax.fill(border[:, 0], border[:, 1], fill=False, edgecolor=colour, linewidth=1.0)
+
+
+def _names(cones: Sequence[Cone], names: Sequence[str] | None) -> Sequence[str]:
+    if names is not None and len(names) != len(cones):
+        raise ValueError(f"names: expected {len(cones)}, one a cone, got {len(names)}")
+    return names if names is not None else [f"cone {k + 1}" for k in range(len(cones))]

@@ -226,7 +226,9 @@ def run(arguments: argparse.Namespace) -> None:
 def _module(study: str) -> ModuleType:
     """Where a study's function is: beside this file, or in ``data/tables``."""
     if (Path(__file__).parent / f"{study}.py").is_file():
-        return import_module(f".{study}", __package__)
+        module = import_module(f".{study}", __package__)
+        if hasattr(module, STUDIES[study].make):
+            return module
     return script(study)
 
 

@@ -1,31 +1,121 @@
 """What makes a shipped table: a trial over a grid, in processes that share the work, with runs that are
-kept, draws, and means with their intervals.
+kept, draws, and means with their intervals. The parts of the data sheet and the films of
+`instant_times` are runs of the same kind.
 """
 
 from __future__ import annotations
 
+import json
 import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import BrokenExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from functools import partial
 from importlib import import_module
+from itertools import product
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from tqdm import tqdm
 
 from trinolab.checks import Array
+from trinolab.files.journal import Journal
 from trinolab.files.outputs import check_targets, write_table
 from trinolab.files.shipped import data_path
 
 from ..intervals import Interval, of_mean
+from ..provenance import hash_text, made_from_function
 from ..sweep import sweep
+from ..sweep.engines import as_finished, processes
 from ..sweep.outcome import LAST_COLUMNS, OK
 
 Row = Mapping[str, Any]
-COUNT = ":rows"  # of a run
+
+
+def results_of(
+    what: str,
+    function: Callable[..., Any],
+    settings: Sequence[Mapping[str, Any]],
+    workers: int = 1,
+    kept: Path | None = None,
+    made_from: Any = None,
+) -> list[Any]:
+    """Results of a function at several settings, in their order. A bar shows the progress on a
+    terminal.
+
+    Parameters
+    ----------
+    what : str
+        The name of the work, for a reader.
+    function : callable
+        Its results are numbers, texts, and lists and mappings of them.
+    settings : sequence of mapping
+        Arguments by name.
+    workers : int
+        Processes.
+    kept : path, optional
+        File that keeps finished results, a line each: the same call goes on with them.
+    made_from : optional
+        What the results depend on beside their settings, as JSON can hold it; by default the code
+        that the function imports, and the data. Results that were made from something else are
+        dropped.
+
+    Raises
+    ------
+    ValueError
+        If a worker process ends abruptly, or the file cannot be written.
+    KeyboardInterrupt
+        Says how many results are kept.
+    """
+    keys = [_as_json(setting) for setting in settings]
+    found: dict[str, Any] = {}
+    with ExitStack() as opened:
+        if kept is not None:
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            head = hash_text(_as_json(made_from or made_from_function(function)))
+            lines = opened.enter_context(
+                Journal(kept, f"# {head}\n", lambda _, line: _result(line) is not None)
+            )
+            found = dict(filter(None, map(_result, lines.lines())))
+        todo = {key: s for key, s in zip(keys, settings, strict=True) if key not in found}
+        bar = opened.enter_context(tqdm(total=len(todo), unit="run", desc=what, disable=None))
+        engine = opened.enter_context(processes(min(workers, max(len(todo), 1))))
+        calls = ((key, partial(function, **setting)) for key, setting in todo.items())
+        try:
+            for key, future in as_finished(engine, calls):
+                result = _as_json(future.result())
+                found[key] = json.loads(result)
+                if kept is not None:
+                    lines.add_line(f"[{json.dumps(key)}, {result}]")
+                bar.update()
+        except BrokenExecutor:
+            raise ValueError("a worker process has ended abruptly") from None
+        except KeyboardInterrupt:
+            if kept is None:
+                raise
+            done = sum(key in found for key in keys)
+            raise KeyboardInterrupt(
+                f"{done} of {len(keys)} runs are kept in {kept}; the same command goes on"
+            ) from None
+    return [found[key] for key in keys]
+
+
+def _as_json(value: Any) -> str:
+    return json.dumps(value, default=lambda number: number.item())  # NumPy's
+
+
+def _result(line: str) -> tuple[str, Any] | None:
+    """The setting and the result of a line; None for a damaged one."""
+    try:
+        key, result = json.loads(line)
+    except (ValueError, TypeError):
+        return None
+    return str(key), result
 
 
 @dataclass(frozen=True)
@@ -75,22 +165,29 @@ class Table:
         workers : int
             Processes.
         kept : path, optional
-            Folder that keeps finished runs, see `sweep.runs.sweep`.
-
-        Raises
-        ------
-        ValueError
-            If a run fails.
+            Folder that keeps finished runs.
         """
-        numbers = range(draws or self.draws)
-        trial = self.trial if isinstance(self.trial, str) else _Rows(self.trial)
+        drawn = {"draw": range(draws or self.draws)} if self.draws else {}
+        folder = kept and kept / self.name
         rows: list[Row] = []
-        for k, grid in enumerate(self.grids):
-            folder = kept and kept / self.name / str(k)
-            drawn = {"draw": grid.get("draw", numbers)} if self.draws else {}
-            runs = all_runs(self.name, trial, {**grid, **drawn}, folder, workers, yes=True)
-            found = runs.drop(columns=list(LAST_COLUMNS)).to_dict("records")
-            rows += [row for run in found for row in _rows_of(run, self.by)]
+        if isinstance(self.trial, str):
+            for k, grid in enumerate(self.grids):
+                runs = all_runs(self.name, self.trial, grid, folder and folder / str(k), workers)
+                rows += runs.drop(columns=list(LAST_COLUMNS)).to_dict("records")
+        else:
+            grids = [{**grid, **drawn, **grid} for grid in self.grids]
+            settings = [
+                dict(zip(grid, values, strict=True))
+                for grid in grids
+                for values in product(*grid.values())
+            ]
+            results = results_of(
+                self.name, self.trial, settings, workers, folder and folder / "runs.jsonl"
+            )
+            for setting, result in zip(settings, results, strict=True):
+                mine = {name: value for name, value in setting.items() if name in self.by}
+                found = [result] if isinstance(result, Mapping) else result
+                rows += [{**mine, **row} for row in found]
         table = pd.DataFrame(rows)
         if self.summary is not None:
             groups = table.groupby(list(self.by), sort=False)
@@ -114,33 +211,6 @@ class Table:
         return replace(self, grids=[grid for grid in grids if all(grid.values())]).make()
 
 
-class _Rows:
-    """A trial whose rows stand side by side, as a sweep keeps them."""
-
-    def __init__(self, trial: Callable[..., Row | Sequence[Row]]) -> None:
-        self.__wrapped__ = trial
-        self.__qualname__ = getattr(trial, "__qualname__", type(trial).__name__)
-
-    def __call__(self, **setting: Any) -> Row:
-        found = self.__wrapped__(**setting)
-        rows = [found] if isinstance(found, Mapping) else found
-        flat = {f"{k}:{name}": value for k, row in enumerate(rows) for name, value in row.items()}
-        return {COUNT: len(rows), **flat}
-
-
-def _rows_of(run: dict[str, Any], by: Sequence[str]) -> list[dict[str, Any]]:
-    """The rows of one run of a sweep's table, each with those of its settings that are in `by`."""
-    if COUNT not in run:
-        return [run]
-    setting = {name: run[name] for name in run if name in by}
-    rows = [dict(setting) for _ in range(int(run[COUNT]))]
-    for name in run:
-        number, _, column = name.partition(":")
-        if number.isdecimal() and int(number) < len(rows):
-            rows[int(number)][column] = run[name]
-    return rows
-
-
 def make_tables(
     tables: Sequence[Table],
     out: Path,
@@ -155,7 +225,7 @@ def make_tables(
     Raises
     ------
     ValueError
-        For an unknown name, or a file that cannot be written; if a run fails.
+        For an unknown name, or a file that cannot be written.
     """
     by_name = {table.name: table for table in tables}
     if unknown := [name for name in names if name not in by_name]:

@@ -57,7 +57,7 @@ def one_operator(
     Parameters
     ----------
     strategy : str
-        One of `slave.operators.STRATEGIES`.
+        One of `teleop.operators.STRATEGIES`.
     scale, delay_s : float
         Tool : handle, and what is added between the tool and its picture, s.
     seed : int
@@ -65,7 +65,7 @@ def one_operator(
     repeats : int
         Trials of each of the nine targets.
     own_delay_s, miss, crossover : float
-        Of `slave.operators.Person`.
+        Of `teleop.operators.Person`.
     """
     person = Person(delay_s=own_delay_s, miss=miss, crossover=crossover)
     results = performance(_log(strategy, scale, delay_s, seed, repeats, person))

@@ -12,7 +12,6 @@ as it was taken with the code of commit `BEFORE`.
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -25,7 +24,6 @@ import cv2
 import numpy as np
 import pandas as pd
 from scipy.spatial.transform import RigidTransform, Rotation
-from tqdm import tqdm
 
 from trinolab import tracker
 from trinolab.bench.motion import human_motion
@@ -46,7 +44,6 @@ from trinolab.checks import Array, as_whole
 from trinolab.datasets import load_handle, load_real_sets, load_rig, load_sweep
 from trinolab.estimators.pixels import prepare
 from trinolab.files.fetch import why_not
-from trinolab.files.journal import Journal
 from trinolab.following import posetracker
 from trinolab.following.parameters import FollowParameters
 from trinolab.handle import Handle
@@ -55,9 +52,8 @@ from trinolab.metrics import can_be_measured, geodesic_deg, nees, position_error
 from trinolab.pose import Pose
 
 from ..intervals import TOGETHER, of_series, ratio
-from ..provenance import code_hash
-from ..sweep.engines import as_finished, processes
 from ..teleop import task
+from .carrier import results_of
 from .real_recordings import at_times, before_the_cameras, load_trajectories
 from .replication import WRONG_DEG, WRONG_MM
 
@@ -335,20 +331,19 @@ def _errors(pose: Pose, truth: RigidTransform | None) -> dict[str, float]:
     }
 
 
-def each_followed(
-    chosen: Sequence[Film], method: str, workers: int
-) -> Iterator[tuple[Film, pd.DataFrame]]:
-    """`followed` for many films, as they are finished, with a bar of the instants."""
-    total = sum(film.instants * film.draws for film in chosen)
-    with (
-        processes(workers) as engine,
-        tqdm(total=total, unit="instant", desc=method, disable=None) as bar,
-    ):
-        longest_first = sorted(chosen, key=lambda film: -film.instants)
-        calls = ((film, partial(followed, method=method), film) for film in longest_first)
-        for film, future in as_finished(engine, calls):
-            yield film, future.result()
-            bar.update(film.instants * film.draws)
+def all_followed(
+    chosen: Sequence[Film], method: str, workers: int, kept: Path | None = None
+) -> list[pd.DataFrame]:
+    """`followed` for many films, in their order; `kept` is a file for finished ones."""
+    order = sorted(chosen, key=lambda film: -film.instants)
+    settings = [{"film": film, "method": method} for film in order]
+    columns = results_of(method, _columns, settings, workers, kept)
+    tables = dict(zip(order, map(pd.DataFrame, columns), strict=True))
+    return [tables[film] for film in chosen]
+
+
+def _columns(film: Film, method: str) -> dict:
+    return followed(film, method).to_dict("list")
 
 
 # --- the tables
@@ -369,16 +364,8 @@ def make_tables(instants: int, workers: int, kept: Path) -> tuple[pd.DataFrame, 
     kept : Path
         Folder for finished films.
     """
-    kept.mkdir(parents=True, exist_ok=True)
-    head = json.dumps({"code": code_hash(__name__)})
-    chosen = films(instants)
-    with Journal(kept / "films.jsonl", f"{head}\n", lambda _, line: line.endswith("]")) as lines:
-        tables = {Film(*film): pd.DataFrame(rows) for film, rows in map(json.loads, lines.lines())}
-        left = [film for film in chosen if film not in tables]
-        for film, table in each_followed(left, BEST, workers):
-            lines.add_line(json.dumps([film, table.to_dict("list")]))
-            tables[film] = table
-    new = pd.concat([tables[film] for film in chosen], ignore_index=True)
+    tables = all_followed(films(instants), BEST, workers, kept / "films.jsonl")
+    new = pd.concat(tables, ignore_index=True)
     return chapter_rows(new), film_rows(new)
 
 

@@ -21,8 +21,7 @@ from matplotlib.patches import Rectangle
 
 from trinolab.checks import Array
 
-from ..plotting import COLOURS
-from ..plotting.basics import subplots
+from ..plotting.basics import COLOURS, subplots
 from .quantities import PAPER, count_of, is_count, labelled, paper_value
 
 REPEATS = ("seed",)  # parameters that repeat a run rather than change it

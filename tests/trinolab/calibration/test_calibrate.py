@@ -32,7 +32,7 @@ from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_real_sets, real_set
 from trinolab.files import outputs
 from trinolab.files.rigs import read_rig
-from workbench.plotting import errors
+from workbench.plotting import calibration as figures
 from workbench.studies.real_recordings import load_caliscope
 
 CHESSBOARD = Target("chessboard", 7, 6, 15.0)
@@ -662,7 +662,7 @@ def test_views_that_say_too_little_name_the_cameras(folder):
     [
         (views, "detect_target"),
         (calibrate, "calibrate_robustly"),
-        (errors, "plot_residuals"),
+        (figures, "plot_residuals"),
         (outputs.os, "replace"),
     ],
 )

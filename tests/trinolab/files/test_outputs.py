@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import RigidTransform
 
+from satellites.bags.bags import write_bag
 from trinolab.files import outputs
 from trinolab.files.outputs import (
     check_parent,
@@ -21,7 +22,6 @@ from trinolab.files.poses import pose_table, read_poses, write_poses, write_tum
 from trinolab.files.recording import read_timestamps
 from trinolab.files.recording_writer import begin, finish, partial_of
 from trinolab.pose import Pose
-from workbench.bags import write_bag
 
 
 def only(folder):

@@ -20,7 +20,8 @@ from trinolab.slave.wall import (
     simulate,
     simulated_limit,
 )
-from workbench.plotting import plot_limits, plot_nyquist, plot_session
+from workbench.plotting.slave import plot_session
+from workbench.plotting.wall import plot_limits, plot_nyquist
 
 # mass kg, damping N s/m, rate Hz, delay s, wall damping N s/m; whether the hold may be taken as a
 # delay

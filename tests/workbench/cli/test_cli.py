@@ -209,7 +209,7 @@ def test_scoreboard_fails_where_a_verdict_is_not_the_declared_one(monkeypatch, c
     ("line", "workflow"),
     [
         ("track --rig R --handle H --video a=b --out o", "trinolab.following.track.track_files"),
-        ("track rec --rig R --handle H --out o", "workbench.bags.track_recording"),
+        ("track rec --rig R --handle H --out o", "satellites.bags.bags.track_recording"),
         ("refine --rig R --handle H --video a=b --out o", "trinolab.following.refine.refine_files"),
         ("refine rec --rig R --handle H --out o", "trinolab.following.refine.refine_folder"),
         ("render --rig R --handle H --motion calm --out o", "trinolab.bench.rendering.render"),
@@ -317,21 +317,21 @@ def test_help_lists_the_commands(capfd):
     [
         ("teleop --recording rec --out o", "workbench.teleop.teleoperate.recorded", "rec"),
         ("teleop rec --out o", "workbench.teleop.teleoperate.recorded", "rec"),
-        ("live --recording rec", "workbench.live.command.chosen", "rec"),
-        ("live rec", "workbench.live.command.chosen", "rec"),
+        ("live --recording rec", "satellites.live.command.chosen", "rec"),
+        ("live rec", "satellites.live.command.chosen", "rec"),
         (
             "accept --recording a b --rig raised_40deg --handle coded --out o",
-            "workbench.accept.command.accept",
+            "satellites.accept.command.accept",
             ["a", "b"],
         ),
         (
             "accept a b --rig raised_40deg --handle coded --out o",
-            "workbench.accept.command.accept",
+            "satellites.accept.command.accept",
             ["a", "b"],
         ),
         (
             "accept a --recording b --rig raised_40deg --handle coded --out o",
-            "workbench.accept.command.accept",
+            "satellites.accept.command.accept",
             ["a", "b"],
         ),
     ],
@@ -610,7 +610,7 @@ def test_a_plain_argument_is_refused_before_the_work_is_loaded():
     assert codes == [2] * len(words)
     assert errors == [f"trinolab {said}" for said in words.values()]
     heavy = {"matplotlib", "mujoco", "scipy.stats", "scipy.optimize", "rosbags"}
-    work = {"workbench.accept.setup", "trinolab.following.track", "trinolab.slave.arm"}
+    work = {"satellites.accept.setup", "trinolab.following.track", "trinolab.slave.arm"}
     assert not (heavy | work) & loaded
 
 
@@ -688,7 +688,7 @@ def test_an_answer_that_nobody_reads_any_more_is_none(full):
 def test_live_says_where_its_page_is_before_it_begins(
     monkeypatch, capfd, option, shown, said, last
 ):
-    from workbench.live import command
+    from satellites.live import command
 
     pages = []
 

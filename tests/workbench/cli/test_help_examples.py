@@ -18,6 +18,7 @@ from healthy import run, write_video
 from makenotebook import glued, make_notebook
 from processes import started, wait_until
 
+from satellites.accept import arm
 from trinolab.bench import rendering
 from trinolab.bench.board import board_positions, render_board
 from trinolab.bench.optics import Bench
@@ -25,7 +26,6 @@ from trinolab.calibration.target import Board
 from trinolab.camera import Camera, Rig
 from trinolab.files.poses import read_poses
 from trinolab.files.recording import open_folder
-from workbench.accept import arm
 from workbench.cli import arguments
 from workbench.pages import commandhelp
 from workbench.studies import scoreboard

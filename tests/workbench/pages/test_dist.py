@@ -1,5 +1,6 @@
 """What is given away: the zip for readers, the wheel, the figures as files."""
 
+import re
 import subprocess
 import sys
 import zipfile
@@ -59,8 +60,11 @@ def test_the_zip_opens_from_its_index_without_network(tmp_path):
 def test_the_wheel_finds_its_data_wherever_it_is_installed(tmp_path):
     wheel = dist.write_wheel(dist.ROOT, tmp_path)
     with zipfile.ZipFile(wheel) as whole:
-        assert not [name for name in whole.namelist() if "__pycache__" in name or "tables/" in name]
+        assert not [
+            name for name in whole.namelist() if re.search("__pycache__|tables/|tests/", name)
+        ]
         assert {name.split("/")[0] for name in whole.namelist() if "dist-info" not in name} == {
+            "satellites",
             "trinolab",
             "workbench",
         }

@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import pytest
 import yaml
 
+import satellites
 import trinolab
 import workbench
 from workbench.imports import PACKAGES, module_of_file, our_files
@@ -176,10 +177,12 @@ def test_a_name_in_a_docstring_means_what_it_means_in_the_module(name, module, f
 def test_the_picture_knows_the_imports():
     """As the lines of the sources say it, read by another way than the graph's."""
     rooms = house.rooms()
-    for room in ("trinolab.tracker", "trinolab.following", "workbench.live"):
+    for room in ("trinolab.tracker", "trinolab.following", "satellites.live"):
         package, name = room.split(".")
         place = PACKAGES[package] / name
-        files = sorted(place.glob("**/*.py")) or [place.with_suffix(".py")]
+        files = [path for path in our_files() if place in path.parents] or [
+            place.with_suffix(".py")
+        ]
         assert rooms[room] == set().union(*map(rooms_named, files)) & set(rooms) - {room}
 
 
@@ -218,7 +221,9 @@ def test_picture_and_table_are_written_and_the_same_again(tmp_path):
         tmp_path / "b" / "house.svg"
     ).read_bytes()
     table = (tmp_path / "a" / "house.md").read_text(encoding="utf-8")
-    assert table.count("\n") == 2 + sum(map(len, map(reference.folders, (trinolab, workbench))))
+    assert table.count("\n") == 2 + sum(
+        map(len, map(reference.folders, (trinolab, workbench, satellites)))
+    )
     assert "| {doc}`sweep </book/api/sweep>` | " in table
 
 

@@ -4,7 +4,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from workbench.plotting import plot_pixel_histories, plot_shares, plot_verdicts, show_table
+from workbench.plotting.background import plot_pixel_histories, plot_shares, plot_verdicts
+from workbench.plotting.basics import show_table
 
 
 @pytest.fixture(autouse=True)

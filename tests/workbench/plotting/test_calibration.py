@@ -1,4 +1,4 @@
-"""What the pictures of a calibration show: boards where they were, grids, errors with their bars."""
+"""What the figures of a calibration show: boards where they were, residuals, bars."""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -7,13 +7,8 @@ from scipy.spatial.transform import RigidTransform
 
 from trinolab.calibration.target import Board
 from trinolab.datasets import load_rig
-from workbench.plotting import (
-    plot_boards,
-    plot_chi_square,
-    plot_grids,
-    plot_relative_errors,
-    plot_with_intervals,
-)
+from workbench.plotting.basics import plot_with_intervals
+from workbench.plotting.calibration import plot_boards, plot_residuals
 
 
 @pytest.fixture(autouse=True)
@@ -35,38 +30,6 @@ def test_every_position_of_the_board_is_drawn_and_both_ways_lead_to_it():
     np.testing.assert_allclose(dotted[0][0], dotted[1][0])
 
 
-def test_grids_are_laid_over_each_other():
-    grid = np.stack(np.meshgrid(np.arange(4.0), np.arange(3.0)), axis=-1)
-    figure = plot_grids({"one": {"a": grid, "b": grid + 0.1}, "two": {"a": grid}})
-    first, second = figure.axes
-    dots = [line for line in first.lines if line.get_marker() == "o"]
-    np.testing.assert_allclose(dots[0].get_xydata(), (grid + 0.1).reshape(-1, 2))
-    assert [line for line in second.lines if line.get_marker() == "o"] == []
-    # three rows and four columns in lines, and an empty one for the legend
-    assert len(second.lines) == 8
-    assert first.yaxis_inverted()
-
-
-def test_relative_errors_stand_beside_each_other_with_their_bars():
-    each = np.arange(15.0).reshape(5, 3)
-    figure = plot_relative_errors(each, {"mean": ([1, 2, 3], [0.1, 0.2, 0.3])})
-    for k, ax in enumerate(figure.axes):
-        np.testing.assert_allclose(ax.lines[0].get_ydata(), each[:, k])
-        (bar,) = ax.collections[0].get_segments()
-        np.testing.assert_allclose(bar[:, 1], [0.9 * (k + 1), 1.1 * (k + 1)])
-
-
-def test_the_chi_square_curve_has_its_mean_and_encloses_one():
-    ax = plot_chi_square([2.0, 5, 6, 9], 6, "chi-square")
-    curve = next(line for line in ax.lines if "degrees" in str(line.get_label()))
-    x, density = curve.get_xydata().T
-    assert np.trapezoid(density, x) == pytest.approx(1, abs=1e-3)
-    assert np.trapezoid(x * density, x) == pytest.approx(6, abs=0.02)
-    # 95 % of chi-square with 6 degrees of freedom lie between 1.237 and 14.449 (any table)
-    edges = [line.get_xdata()[0] for line in ax.lines if line.get_linestyle() == "--"]
-    np.testing.assert_allclose(edges, [1.237, 14.449], atol=1e-3)
-
-
 def test_intervals_reach_from_end_to_end_and_may_be_missing():
     curves = {"a": ([1, 2], [[3.0, 2.0, 5.0], [4.0, np.nan, np.nan]])}
     ax = plot_with_intervals(curves, "n", "mm", "xy", level=(0.3, "limit"))
@@ -75,3 +38,14 @@ def test_intervals_reach_from_end_to_end_and_may_be_missing():
     np.testing.assert_allclose(bars[1][:, 1], [4, 4])
     assert [tick.get_text() for tick in ax.get_xticklabels()] == ["1", "2"]
     assert [text.get_text() for text in ax.get_legend().get_texts()] == ["limit", "a"]
+
+
+def test_a_camera_s_title_has_the_rms_of_what_was_used():
+    """Lengths of 0.3 and 0.4 px, and a point that was not used."""
+    uv = np.array([[[[100.0, 50.0], [200.0, 80.0], [300.0, 90.0]]]])
+    residuals = np.array([[[[0.3, 0.0], [0.0, -0.4], [np.nan, np.nan]]]])
+    figure = plot_residuals(uv, residuals, [(640, 480)], ["left"], ["0001"])
+    title = figure.axes[0].get_title()
+    assert title.startswith("left: 0.354 px rms")  # the root of (0.09 + 0.16) / 2
+    (bar,) = figure.axes[1].patches
+    np.testing.assert_allclose(bar.get_height(), np.sqrt(0.125), atol=1e-12)

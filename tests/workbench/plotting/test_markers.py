@@ -4,7 +4,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from workbench.plotting import plot_rod_section
+from workbench.plotting.markers import plot_rod_section
 
 
 @pytest.fixture(autouse=True)

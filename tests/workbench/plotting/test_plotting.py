@@ -13,25 +13,15 @@ from trinolab.datasets import load_rig
 from trinolab.window import Window
 from trinolab.workspace import intersect, surface_mesh
 from trinolab.workspace.cones import paper_cones
-from workbench.plotting import (
-    mark_window,
-    plot_by_slant,
-    plot_epipolar_plane,
-    plot_estimators,
-    plot_factor,
-    plot_over_slant,
-    plot_pose_errors,
-    plot_shifts,
-    plot_structure,
-    plot_thresholds,
-    plot_windows,
-    plot_workspace,
-    show_image,
-    workspace_plotter,
-    workspace_scene,
-)
 from workbench.plotting import workspace as scenes
-from workbench.plotting.structure import MASTER, SYSTEM
+from workbench.plotting.basics import mark_window, show_image
+from workbench.plotting.estimators import plot_by_slant, plot_estimators, plot_shifts
+from workbench.plotting.gallery import plot_factor
+from workbench.plotting.markers import plot_over_slant, plot_thresholds
+from workbench.plotting.matching import plot_epipolar_plane, plot_windows
+from workbench.plotting.structure import MASTER, SYSTEM, plot_structure
+from workbench.plotting.table1 import plot_pose_errors
+from workbench.plotting.workspace import plot_workspace, workspace_plotter, workspace_scene
 
 
 @pytest.fixture(autouse=True)
@@ -93,10 +83,11 @@ def test_without_pyvista_a_line_stands_in_the_scenes_place(cones_and_mesh, monke
 def test_scene_without_a_display_is_silent_and_opens_no_connection():
     code = (
         "import socket; socket.socket.connect = None\n"
-        "import numpy as np\nfrom trinolab import plotting, workspace\nfrom trinolab.workspace import cones\n"
+        "import numpy as np\nfrom trinolab import workspace\nfrom trinolab.workspace import cones\n"
+        "from workbench.plotting.workspace import workspace_scene\n"
         "c = cones.paper_cones(100.0, 0.8, 0.8, 0.3)\n"
         "m = workspace.surface_mesh(c, workspace.intersect(c).centre, 200)\n"
-        "print(len(plotting.workspace_scene(c, m).data) > 500_000)"
+        "print(len(workspace_scene(c, m).data) > 500_000)"
     )
     environment = {
         key: value for key, value in os.environ.items() if key not in ("DISPLAY", "WAYLAND_DISPLAY")

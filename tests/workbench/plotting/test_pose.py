@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from trinolab.datasets import load_rig, load_table1
-from workbench.plotting import plot_chain, plot_frames, plot_two_rays
+from workbench.plotting.pose import plot_frames, plot_two_rays
+from workbench.plotting.structure import plot_chain
 
 
 @pytest.fixture(autouse=True)

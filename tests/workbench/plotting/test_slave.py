@@ -13,7 +13,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.camera import Camera
-from workbench import plotting
+from workbench.plotting.slave import plot_arm, plot_session, plot_two_port
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -276,7 +276,7 @@ BOX = '<geom type="box" size=".1 .1 .1"/>'
         (lambda: SlaveView(model_of(BOX), "camera"), "camera: expected a Camera, got str"),
         (
             lambda: SlaveView(model_of(BOX), camera_of((9000, 20), (700.0, 700.0), (320.0, 240.0))),
-            r"camera: expected an image of at most 8192 px per side, got \(9000, 20\)",
+            r"camera: expected an image of at most 8192 px a side, got \(9000, 20\)",
         ),
         (
             lambda: SlaveView(
@@ -360,7 +360,7 @@ def test_a_machine_without_a_display_renders_silently_or_says_why_not(broken, sa
     assert (run.returncode, run.stderr) == (0, "")
 
 
-# --- figures: the arm's frames, a session, a delay, a two-port
+# --- figures: the arm's frames, a session, a two-port
 
 
 def texts(ax):
@@ -370,7 +370,7 @@ def texts(ax):
 def test_an_arm_is_drawn_through_the_origins_of_its_frames():
     turns = Rotation.from_euler("x", [[0.0], [90.0], [0.0]], degrees=True)
     frames = RigidTransform.from_components([[0, 0, 0], [0, 0, 100], [-200, 0, 100]], turns)
-    ax = plotting.plot_arm(frames, ["base", "", "tool"]).axes[0]
+    ax = plot_arm(frames, ["base", "", "tool"]).axes[0]
     # -x of the base to the right, z up
     np.testing.assert_allclose(ax.lines[0].get_xydata(), [[0, 0], [0, 100], [200, 100]])
     said = texts(ax)
@@ -378,13 +378,13 @@ def test_an_arm_is_drawn_through_the_origins_of_its_frames():
     assert [said.count(f"${letter}$") for letter in "xyz"] == [2, 2, 2]
     assert said.count("$z_{1}$") == 1
     with pytest.raises(ValueError, match="names: expected 3, one per frame, got 2"):
-        plotting.plot_arm(frames, ["base", "tool"])
+        plot_arm(frames, ["base", "tool"])
 
 
 def test_a_session_has_a_panel_each_and_shades_the_stretches_in_all():
     t = np.linspace(0, 3, 7)
     panels = {"a / mm": {"hand": t, "tool": 2 * t}, "b / N": {"": t**2}}
-    figure = plotting.plot_session(t, panels, {"open": [(0.5, 1.0), (2.0, 2.5)]})
+    figure = plot_session(t, panels, {"open": [(0.5, 1.0), (2.0, 2.5)]})
     above, below = figure.axes
     np.testing.assert_allclose(above.lines[1].get_ydata(), 2 * t)
     np.testing.assert_allclose(below.lines[0].get_ydata(), t**2)
@@ -395,35 +395,9 @@ def test_a_session_has_a_panel_each_and_shades_the_stretches_in_all():
     assert [text.get_text() for text in legend.get_texts()] == ["hand", "tool", "open"]
 
 
-def test_a_delay_has_two_bars_a_stage():
-    ax = plotting.plot_delays({"filter": 30.0, "servo": 1.0}, {"filter": 28.0, "servo": 2.0})
-    assert [patch.get_width() for patch in ax.patches] == [30.0, 1.0, 28.0, 2.0]
-    assert [label.get_text() for label in ax.get_yticklabels()] == ["filter", "servo"]
-    with pytest.raises(ValueError, match="measured_ms: expected the names of budget_ms"):
-        plotting.plot_delays({"filter": 30.0}, {"servo": 1.0})
-
-
-def test_an_exceedance_falls_from_all_values_to_the_largest():
-    ax = plotting.plot_exceedance({"slow": [8.0, 2.0, 4.0, 4.0]}, "ms", {"a frame": 3.0})
-    curve, limit = ax.lines
-    np.testing.assert_allclose(curve.get_xdata(), [2.0, 4.0, 4.0, 8.0])
-    np.testing.assert_allclose(curve.get_ydata(), [1.0, 0.75, 0.5, 0.25])
-    assert curve.get_drawstyle() == "steps-pre"  # 0.75 of them are 3 or more
-    assert limit.get_xdata() == [3.0, 3.0]
-    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
-    assert "a frame" in texts(ax)
-
-
 def test_a_two_port_has_two_speeds_and_two_forces():
-    said = texts(plotting.plot_two_port().axes[0])
+    said = texts(plot_two_port().axes[0])
     assert {"$V_m$", "$F_h$", "$V_s$", "$F_e$", "the two-port $H$"} <= set(said)
-
-
-def test_impedances_are_drawn_as_they_are():
-    omega = np.array([1.0, 10.0, 100.0])
-    ax = plotting.plot_impedances(omega, {"a spring": 100 / omega}).axes[0]
-    np.testing.assert_allclose(ax.lines[0].get_xydata(), np.stack([omega, 100 / omega], axis=1))
-    assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
 
 
 @pytest.fixture(autouse=True)

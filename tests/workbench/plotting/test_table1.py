@@ -5,11 +5,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from workbench.plotting import (
-    COLOURS,
+from workbench.plotting.basics import COLOURS
+from workbench.plotting.table1 import (
     plot_budget,
     plot_errors_in_space,
-    plot_factors,
     plot_null,
     plot_over_beta,
     plot_power,
@@ -77,12 +76,7 @@ def test_refused_cells_are_coloured_and_fitted_ones_are_not_tested():
                for p in few.patches) == 1  # fmt: skip
 
 
-def test_curves_of_factors_beta_and_null():
-    curves = {name: ([1, 2, 3], [0.1, 0.2, 0.3], 2.0) for name in "abcd"}
-    figure = plot_factors(curves, "E_t / mm")
-    assert [ax.get_xlabel() for ax in figure.axes] == list("abcd")
-    np.testing.assert_allclose(figure.axes[2].lines[0].get_ydata(), [0.1, 0.2, 0.3])
-    assert legible(figure)
+def test_curves_of_beta_and_null():
     figure = plot_over_beta([30, 60], {"alpha": {"Table 1": [0.5, 0.6], "model": [0.1, 2]}}, "ox")
     np.testing.assert_allclose(figure.axes[0].lines[1].get_ydata(), [0.1, 2])
     assert legible(figure)

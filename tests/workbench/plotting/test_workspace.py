@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from trinolab.workspace.cones import inside, paper_cones
-from workbench.plotting import show_cones_from_above
+from workbench.plotting.workspace import show_cones_from_above
 
 NAMES = ("CCD1", "CCD2", "CCD3")
 

@@ -5,7 +5,6 @@ and on a recording.
 from dataclasses import replace
 
 import cv2
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform
@@ -14,7 +13,6 @@ from trinolab.datasets import load_handle, load_rig
 from trinolab.kalman import KalmanParameters
 from trinolab.parameters import Parameters
 from trinolab.window import Window
-from workbench.plotting import plot_following
 from workbench.studies.claim_trials import searched, true_labels
 from workbench.studies.ground_truth import read_recording
 from workbench.studies.markertrack import follow, moving_regions, step
@@ -206,19 +204,3 @@ def test_the_truth_tells_false_markers_and_a_window_has_fewer():
     assert found.seconds > 0
     with pytest.raises(ValueError, match="expected an instant"):
         searched(images[:1], windows[:1], camera, CODED, [None])
-
-
-def test_the_picture_needs_a_path(calm):
-    def drawn(some):
-        boxes = [look.box for look in some]
-        return plot_following(
-            np.zeros((1024, 1280), np.uint8), some[-1].window, boxes, some[-1].markers.uv
-        )
-
-    looks, _ = calm[0]
-    figure = drawn(looks[30:46])
-    assert len(figure.axes) == 2
-    plt.close(figure)
-    for few in (looks[30:31], looks[20:46]):
-        with pytest.raises(ValueError, match="boxes: expected two"):
-            drawn(few)

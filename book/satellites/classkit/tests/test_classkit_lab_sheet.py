@@ -1,0 +1,270 @@
+"""The lab sheet, gone through: its own commands, on what three simulated webcams would have taken.
+
+Only `capture` is not run: the folders that it would have written are put there. The board is the
+page of the printed PDF, seen by the cameras; the rod is the kit's.
+"""
+
+import re
+import shlex
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+import pypdfium2
+import pytest
+from healthy import run, write_video
+from pages import page_says
+from scipy.spatial.transform import RigidTransform, Rotation
+from setups import pose_at
+from webcams import BENCH, WEBCAMS, webcam_rig
+
+from satellites.classkit import criteria
+from satellites.classkit.criteria import GOOD, NOT_MEASURED, USABLE, Criterion
+from satellites.classkit.preflight import of_rig, place_of_handle
+from satellites.classkit.seen import Seen
+from satellites.classkit.sheets import EDGE_MM, PAPERS, board_target
+from trinolab.bench.scenario import Job, Shot, take
+from trinolab.datasets import load_real_sets, load_sweep, real_set
+from trinolab.files import recording_writer
+from trinolab.files.fetch import why_not
+from trinolab.files.poses import read_poses, transforms, truth_table, write_poses
+from trinolab.files.rigs import read_handle, read_rig
+from trinolab.metrics import position_errors
+from workbench.studies.real_recordings import load_caliscope
+
+PAGE = Path(__file__).resolve().parents[4] / "book" / "lab_sheet.md"
+SIZE = PAPERS["a4"]
+PX_MM = 6.0  # of the printed page, as it is warped into an image
+SUB = 3  # samples a pixel and side
+VIEWS, INSTANTS, FPS = 20, 45, 30.0
+
+
+def commands():
+    """What stands in the page's boxes of shell, line by line."""
+    boxes = re.findall(
+        r"^```sh\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+    )
+    lines = "".join(boxes).replace("\\\n", " ").splitlines()
+    return [line.removeprefix("trinolab ") for line in lines if line.startswith("trinolab ")]
+
+
+def chosen(name):
+    """The commands of the page that run one of the program's."""
+    return [line for line in commands() if line.split()[0] == name]
+
+
+def table_below(heading):
+    """The cells of the first table that a page has below some words."""
+    text = PAGE.read_text(encoding="utf-8").partition(heading)[2]
+    lines = re.search(r"(?:^\|.*\n)+", text, re.MULTILINE)[0].splitlines()
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+
+
+@pytest.mark.parametrize(
+    ("width", "words", "count"), [(640, "With 640 x", 5), (1280, "With 1280 x", 2)]
+)
+def test_the_tables_of_webcams_are_those_of_the_study(width, words, count):
+    study = load_sweep("webcams").set_index(["width_px", "rod_mm", "marker_mm", "estimator"])
+    rows = table_below(words)
+    assert len(rows) == count
+    for what, share, best, paper in rows:
+        rod, marker, pixels = map(float, re.findall(r"[0-9.]+", what))
+        ours, theirs = (
+            study.loc[width, rod, marker, name] for name in ("patches", "paper, checked")
+        )
+        assert pixels == pytest.approx(ours["marker_px"])
+        low, high = (100 * ours[f"measured_{end}"] for end in ("low", "high"))
+        assert share == f"{100 * ours['measured']:.0f} % ({low:.0f} to {high:.0f})"
+        errors = [
+            f"{one['E_t_mm']:.3f} mm ({one['E_t_mm_low']:.3f} to {one['E_t_mm_high']:.3f})"
+            for one in (ours, theirs)
+        ]
+        assert best == f"{errors[0]}, {ours['geodesic_deg']:.2f}°"
+        assert paper == errors[1]
+    assert set(study["n"]) == {60}
+    assert set(study["seed"]) == {27}
+    assert study["wrong"].sum() == 0
+
+
+def test_the_limits_of_the_page_are_those_of_the_command():
+    known = {c.what: c for c in vars(criteria).values() if isinstance(c, Criterion)}
+    rows = table_below("where they come from")
+    assert len(rows) == len(known) - 1  # but for the one of images without a handle
+    for what, good, usable, _ in rows:
+        numbers = [re.match(r"[0-9.]+", cell) for cell in (good, usable)]
+        assert float(numbers[0][0]) == known[what].good
+        assert usable == "any" or float(numbers[1][0]) == known[what].usable
+
+
+def test_every_command_of_the_page_is_one_that_the_program_takes():
+    from workbench.cli.arguments import parser
+
+    found = [parser().parse_args(shlex.split(line)).command for line in commands()]
+    assert {"kit", "capture", "calibrate", "preflight", "track", "refine", "live"} <= set(found)
+
+
+def board_views(rig, pdf, count):
+    """Frames (cameras, views) of the board's page, held in front of the cameras, tilted each time
+    another way.
+    """
+    page = pypdfium2.PdfDocument(pdf)[3].render(scale=PX_MM * 25.4 / 72, grayscale=True).to_numpy()
+    page = cv2.GaussianBlur(page.reshape(page.shape[:2]), (0, 0), 1.0)
+    target = board_target(SIZE)
+    left = (SIZE[0] - target.columns * target.square_mm) / 2
+    first = np.array([left, EDGE_MM]) + target.square_mm  # its first inner corner, from the top
+    to_mm = np.array(
+        [[1 / PX_MM, 0, 0.5 / PX_MM - first[0]], [0, 1 / PX_MM, 0.5 / PX_MM - first[1]], [0, 0, 1]]
+    )
+    rng = np.random.default_rng(5)
+    place = pose_at(0.0, rig=rig).translation
+    towards = place - np.mean([camera.centre for camera in rig.cameras], axis=0)
+    upright = Rotation.align_vectors(
+        [towards, [1.0, 0, 0]], [[0, 0, 1.0], [1.0, 0, 0]], weights=[1e6, 1]
+    )[0]
+    frames = [[] for _ in rig.cameras]
+    for k in range(count):
+        around = 2 * np.pi * k / 8
+        tilt = np.deg2rad(rng.uniform(15, 32)) * np.array([np.cos(around), np.sin(around), 0])
+        turn = Rotation.from_rotvec(tilt) * Rotation.from_euler(
+            "z", rng.uniform(-15, 15), degrees=True
+        )
+        centre = place + rng.uniform([-50, -40, -40], [50, 40, 120])
+        rotation = upright * turn
+        T = RigidTransform.from_components(
+            centre - rotation.apply(target.points.mean(axis=0)), rotation
+        )
+        for camera, side in zip(rig.cameras, frames, strict=True):
+            side.append(printed(camera, page, to_mm, T, rng))
+    return frames
+
+
+def printed(camera, page, to_mm, T_world_page, rng):
+    """A frame of the page: a warp with some samples a pixel, blur, noise."""
+    T = camera.T_cam_world * T_world_page
+    H = camera.matrix @ np.column_stack([T.rotation.as_matrix()[:, :2], T.translation]) @ to_mm
+    fine = np.array([[SUB, 0, (SUB - 1) / 2], [0, SUB, (SUB - 1) / 2], [0, 0, 1.0]])
+    width, height = camera.size
+    shape = (SUB * width, SUB * height)
+    warped = cv2.warpPerspective(page, fine @ H, shape, flags=cv2.INTER_AREA, borderValue=120)
+    frame = warped.reshape(height, SUB, width, SUB).mean(axis=(1, 3)) * 0.65 + 30
+    frame = cv2.GaussianBlur(frame, (0, 0), 0.7) + rng.normal(0, 1.5, frame.shape)
+    return np.clip(np.rint(frame), 0, 255).astype(np.uint8)
+
+
+def captured(folder, rig, frames, times, rig_file=None, handle_file=None):
+    """The folder that `capture` would have written."""
+    known = list(rig.names) if rig_file is None else read_rig(rig_file)
+    handle = None if handle_file is None else read_handle(handle_file)
+    partial = recording_writer.begin(folder, known, handle)
+    for k, images in enumerate(frames):
+        recording_writer.add(partial, known, k, images)
+    recording_writer.finish(folder, list(times))
+
+
+def rod_frames(rig, handle, count):
+    """The rod at rest for some instants, then in a hand's motion; and its true poses."""
+    times = np.arange(count) / FPS
+    moving = np.maximum(times - 0.3, 0.0)
+    shots, poses = [], []
+    for t in moving:
+        before, T, after = (pose_at(t + dt, 200.0, rig) for dt in (-5e-4, 0.0, 5e-4))
+        share = 0.5 * (t > 0)  # an exposure of 5 ms, where `take` has 10
+        velocity = share * (after.translation - before.translation) / 1e-3
+        turn = share * (after.rotation * before.rotation.inv()).as_rotvec() / 1e-3
+        shots.append(Shot(T, None, (1.0,) * 3, velocity, turn, False))
+        poses.append(T)
+    job = Job(rig, handle, shots, times, 0, BENCH)
+    frames = [[take(job, k, c) for c in range(3)] for k in range(count)]
+    return frames, times, RigidTransform.concatenate(poses)
+
+
+@pytest.mark.heavy
+def test_from_three_webcams_to_a_tracked_handle(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    rig = webcam_rig(WEBCAMS[0])
+    assert run(chosen("kit")[0]) == 0
+    views = board_views(rig, "kit.pdf", VIEWS)
+    captured("board", rig, list(zip(*views, strict=True)), np.arange(VIEWS, dtype=float))
+
+    capfd.readouterr()
+    (calibrate,) = chosen("calibrate")
+    assert run(calibrate) == 0
+    said = capfd.readouterr().out
+    assert "views dropped: none" in said
+    found = read_rig("rig.toml")
+    baseline = np.linalg.norm(found.cameras[1].centre - found.cameras[0].centre)
+    sigma = np.sqrt(np.diag(found.covariance.matrix)).reshape(3, 15)[1, 12:]
+    assert baseline == pytest.approx(200.0, abs=4 * np.linalg.norm(sigma))
+
+    handle = read_handle("kit_coded.toml")
+    frames, times, truth = rod_frames(rig, handle, INSTANTS)
+    captured("light", rig, frames[:10], times[:10], handle_file="kit_coded.toml")
+    captured("rod", rig, frames, times, "rig.toml", "kit_coded.toml")
+    shutil.copytree("rod", "slow")
+    # a recording folder may have videos as well
+    shutil.rmtree("rod/images")
+    for name, side in zip(rig.names, zip(*frames, strict=True), strict=True):
+        write_video(Path("rod", f"{name}.mkv"), side)
+    before, after = chosen("preflight")
+    assert run(before) == 0  # without a rig
+    assert run(after) == 0
+    said = capfd.readouterr().out
+    assert said.splitlines()[-1] == "the set-up is good"
+
+    (track,) = chosen("track")
+    assert run(track) == 0
+    poses = read_poses("poses.csv")
+    assert set(poses["status"]) == {"measured"}
+    error = position_errors(transforms(poses), truth).mean()
+    # The calibration's errors are common to all poses; their own sigma knows them.
+    page_says("book/lab_sheet.md", f"{INSTANTS} instants are {error:.2f} mm off")
+    page_says("book/lab_sheet.md", f"`sigma_mm` ({poses['sigma_mm'].median():.2f} mm) knows")
+    assert error < 3 * poses["systematic_mm"].median()
+    assert poses["systematic_mm"].median() < 0.31  # mm: what the sheet asks of a calibration
+    write_poses(truth_table(truth), "truth.csv")
+    assert run("evaluate poses.csv truth.csv --handle kit_coded.toml") == 0
+    assert Path("seen.webm").stat().st_size > 10_000
+
+    (refine,) = chosen("refine")
+    assert run(refine) == 0
+    assert read_rig("refined/rig.toml").names == rig.names
+
+
+def needs(name):
+    return pytest.mark.skipif(
+        real_set(name) is None, reason=f"no {name}: {why_not(load_real_sets()[name])}"
+    )
+
+
+@pytest.mark.heavy
+@needs("opencv_stereo")
+def test_the_same_on_photographs_of_a_board(tmp_path, monkeypatch, capfd):
+    """The set has no handle, and its pairs were taken one by one: light and cameras are judged."""
+    monkeypatch.chdir(tmp_path)
+    for side in ("left", "right"):
+        Path("board", "images", side).mkdir(parents=True)
+        for path in sorted(real_set("opencv_stereo").glob(f"{side}*.jpg")):
+            shutil.copy(path, Path("board", "images", side, path.name.removeprefix(side)))
+    code = run(
+        "calibrate --images left=board/images/left right=board/images/right --board chessboard "
+        "--columns 9 --rows 6 --square 25 --distortions 5 --out rig.toml"
+    )
+    assert code == 0
+    capfd.readouterr()
+    assert run("preflight board --rig rig.toml --out table.csv") == 0
+    table = pd.read_csv("table.csv").set_index("what")
+    assert table.loc[criteria.RANGE.what, "verdict"] == GOOD
+    # 1.2 % of the left images are white: lamps, and the board's own squares
+    assert table.loc[criteria.WHITE_PIXELS.what, "verdict"] == USABLE
+    # the two lenses look straight ahead, 83 mm apart: nothing says where a rod would be
+    assert table.loc[criteria.ANGLE.what, "verdict"] == NOT_MEASURED
+
+
+@needs("caliscope")
+def test_the_cameras_of_a_published_session_stand_well():
+    """Four webcams around a board, of which two face each other."""
+    rig = load_caliscope().rig
+    rows = of_rig(rig, place_of_handle(Seen(rig.names, rig, None), rig))
+    assert [one["verdict"] for one in rows] == [GOOD, NOT_MEASURED]
