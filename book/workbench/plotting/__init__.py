@@ -17,7 +17,6 @@ from .calibration import (
     plot_boards,
     plot_chi_square,
     plot_grids,
-    plot_relative_errors,
     plot_with_intervals,
 )
 from .errors import (
@@ -45,7 +44,7 @@ from .markers import (
     plot_rod_section,
     plot_thresholds,
 )
-from .matching import plot_epipolar_plane, plot_windows
+from .matching import plot_epipolar_plane
 from .pose import plot_frames, plot_two_rays
 from .rig import plot_layouts, plot_rig
 from .slave import plot_arm, plot_delays, plot_exceedance, plot_session, plot_two_port
@@ -108,7 +107,6 @@ __all__ = [
     "plot_power",
     "plot_prediction",
     "plot_refused",
-    "plot_relative_errors",
     "plot_residuals",
     "plot_rig",
     "plot_rod_section",
@@ -121,7 +119,6 @@ __all__ = [
     "plot_two_port",
     "plot_two_rays",
     "plot_verdicts",
-    "plot_windows",
     "plot_with_intervals",
     "plot_workspace",
     "show_cones_from_above",

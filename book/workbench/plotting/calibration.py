@@ -82,36 +82,6 @@ def plot_grids(panels: Mapping[str, Mapping[str, ArrayLike]]) -> Figure:
     return figure
 
 
-def plot_relative_errors(
-    each: ArrayLike, combined: Mapping[str, tuple[ArrayLike, ArrayLike]]
-) -> Figure:
-    """Errors of a translation, a panel a component.
-
-    Parameters
-    ----------
-    each : array_like, shape (n, 3)
-        From each position of a target alone, mm.
-    combined : mapping of str to (error (3,), sigma (3,))
-        From all positions together, by several methods: mm, drawn with one standard deviation.
-    """
-    single = as_points(each, "each", 3)
-    figure, axes = row_of_panels(3, (6.9, 3.0))
-    for k, ax in enumerate(axes):
-        ax.plot(np.arange(len(single)), single[:, k], "o", color="grey", label="one position")
-        for n, (name, (error, sigma)) in enumerate(combined.items(), start=1):
-            at = len(single) + 2 * n
-            values = as_array(error, name, (3,))[k], as_array(sigma, name, (3,))[k]
-            ax.errorbar(
-                at, *values, fmt="os^"[n], color=COLOURS[(0, 4, 2)[n]], capsize=4, label=name
-            )
-        ax.axhline(0.0, color="black", linewidth=0.8)
-        ax.set(title=f"${'xyz'[k]}$", xlabel="position of the board")
-        ax.set_xticks(np.arange(0, len(single), 5))
-    axes[0].set(ylabel="error of $T_{rl}$ / mm")
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    return figure
-
-
 def plot_chi_square(values: ArrayLike, degrees: int, xlabel: str) -> Axes:
     """How numbers are distributed that should be chi-square with so many degrees of freedom.
 

@@ -11,7 +11,6 @@ from workbench.plotting import (
     plot_boards,
     plot_chi_square,
     plot_grids,
-    plot_relative_errors,
     plot_with_intervals,
 )
 
@@ -45,15 +44,6 @@ def test_grids_are_laid_over_each_other():
     # three rows and four columns in lines, and an empty one for the legend
     assert len(second.lines) == 8
     assert first.yaxis_inverted()
-
-
-def test_relative_errors_stand_beside_each_other_with_their_bars():
-    each = np.arange(15.0).reshape(5, 3)
-    figure = plot_relative_errors(each, {"mean": ([1, 2, 3], [0.1, 0.2, 0.3])})
-    for k, ax in enumerate(figure.axes):
-        np.testing.assert_allclose(ax.lines[0].get_ydata(), each[:, k])
-        (bar,) = ax.collections[0].get_segments()
-        np.testing.assert_allclose(bar[:, 1], [0.9 * (k + 1), 1.1 * (k + 1)])
 
 
 def test_the_chi_square_curve_has_its_mean_and_encloses_one():

@@ -24,7 +24,6 @@ from workbench.plotting import (
     plot_shifts,
     plot_structure,
     plot_thresholds,
-    plot_windows,
     plot_workspace,
     show_image,
     workspace_plotter,
@@ -311,9 +310,3 @@ def test_the_epipolar_plane_holds_the_points_and_the_second_camera_s_line():
     for pixel, point in zip(seen, points, strict=True):
         # what the camera sees of a point lies on the way to it
         np.testing.assert_allclose(np.cross(pixel - centre, point - centre), 0, atol=1e-6)
-
-
-def test_windows_that_are_compared_have_one_scale_of_greys():
-    dark, bright = np.full((5, 5), 10), np.full((5, 5), 200)
-    figure = plot_windows([[dark, bright]], [["left", "right"]])
-    assert [ax.images[0].get_clim() for ax in figure.axes] == [(0, 200)] * 2
