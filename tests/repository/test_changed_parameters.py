@@ -88,7 +88,8 @@ def test_the_ncc_threshold_moves_verdict_figure_and_closing_errors():
     )
     assert [one["lost_right"] for one in found] == sorted({one["lost_right"] for one in found})
     assert len({picture(one, "matching-27") for one in (none, ours, higher, high)}) == 4
-    assert {one["threshold_verdict"] for one in found} == {"better"}  # over all thresholds
+    # of no threshold against 0.9, whatever is the chapter's own
+    assert len({one["threshold_verdict"] for one in found}) == 1
     wrong = [one["wrong_matches"] for one in found]
     assert wrong[0] > wrong[1] > wrong[3]
     assert found[0]["E_t_mm"] > found[1]["E_t_mm"] > found[3]["E_t_mm"]
