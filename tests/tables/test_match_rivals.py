@@ -136,7 +136,9 @@ def test_the_shipped_table_says_what_the_chapter_says():
     assert exact.wrong_percent["line"] < exact.wrong_percent["four constraints"]
     assert exact.missing_percent_high["line"] < exact.missing_percent_low["four constraints"]
     assert exact.missing_percent_low["layout"] > 5
-    assert half.wrong_percent_low["line"] > half.wrong_percent_high["best set"]
+    # half a pixel spoils the line, not the looks
+    assert half.wrong_percent_low["line"] > exact.wrong_percent_high["line"]
+    assert half.wrong_percent["looks"] < exact.wrong_percent_high["looks"]
     layout = table[table.rule.str.startswith("layout")]
     assert layout.wrong.sum() == 0
 
