@@ -144,7 +144,7 @@ def test_the_shipped_table_says_what_the_chapter_says():
 
 
 @pytest.mark.heavy
-def test_the_tolerance_of_the_third_view_is_the_one_that_calm_chooses():
+def test_the_tolerance_of_the_third_view_is_one_that_calm_chooses():
     """By its poses, if nine of ten instants have one; no other recording has a part in it."""
     clip = ground_truth.read_recording("calm", range(30, 60))
     rig, handle, gate_px = clip.rig, clip.handle, 2.0
@@ -166,7 +166,10 @@ def test_the_tolerance_of_the_third_view_is_the_one_that_calm_chooses():
                 found.append(np.linalg.norm(T.translation - now.T_world_handle.translation))
         if len(found) >= 27:
             errors[tolerance] = np.mean(found)
-    assert min(errors, key=errors.get) == match_rivals.TOLERANCE
+    least = min(errors.values())
+    chosen = [tolerance for tolerance, error in errors.items() if error < 1.001 * least]
+    assert chosen == [1.5, 2.0, 3.0, 4.0]
+    assert match_rivals.TOLERANCE in chosen
 
 
 @pytest.mark.heavy
