@@ -1,5 +1,5 @@
 """Matches between the markers of two images: epipolar gate, grey correlation, ordering, uniqueness
-(Sect. 5.2).
+(Sect. 5.2), and the view of a third camera.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from .camera import Camera, Rig, epipolar_lines, ideal_pixels_of, lines_of
 from .checks import Array, as_array, as_image, as_number, as_points, check_numbers, frozen
 from .sensitivity import offsets_of
+from .triangulation import triangulate_pair
 
 # contrast of a window by its largest value; one grey level in one pixel of 16 bit is 1.5e-5
 FLAT = 1e-6
@@ -277,10 +278,7 @@ def in_order(
     uv_left = as_points(uv_left, "uv_left", 2)
     uv_right = as_points(uv_right, "uv_right", 2)
     swap = epipolar_distances(left, right, uv_left, uv_right)
-    if (matches.index >= swap.shape).any():
-        raise ValueError(
-            f"matches: expected indices below {swap.shape}, got {matches.index.max(axis=0).tolist()}"
-        )
+    _check_indices(matches, swap.shape)
     baseline = right.centre - left.centre
     along_left = left.rays(uv_left) @ baseline
     along_right = right.rays(uv_right) @ baseline
@@ -296,6 +294,55 @@ def in_order(
         ):
             keep.append(int(k))
     return _subset(matches, sorted(keep))
+
+
+def confirmed(
+    matches: Matches, cameras: Sequence[Camera], uv: Sequence[ArrayLike], tolerance_px: float
+) -> Matches:
+    """Keep the pairs whose point in space falls on a spot of a third camera.
+
+    Of pairs that share a spot only the one nearest to a spot of the third camera stays. A marker
+    that the third camera does not see is lost.
+
+    Parameters
+    ----------
+    matches : Matches
+        Pairs of the first two cameras, for example all that pass the epipolar gate.
+    cameras : sequence of Camera
+        The left, the right and the third one.
+    uv : sequence of array_like, shape (n, 2)
+        The points of each, px.
+    tolerance_px : float
+        Largest distance of a spot from the image of the pair's point, px.
+
+    Raises
+    ------
+    ValueError
+        If there are not three cameras with their points, a match has an index beyond the
+        points, or as `triangulate_pair`.
+    """
+    tolerance_px = as_number(tolerance_px, "tolerance_px", low=0.0)
+    if not len(cameras) == len(uv) == 3:
+        raise ValueError(f"cameras, uv: expected three of each, got {len(cameras)} and {len(uv)}")
+    left, right, third = cameras
+    uv_left, uv_right, uv_third = (as_points(pixels, "uv", 2) for pixels in uv)
+    shape = len(uv_left), len(uv_right)
+    _check_indices(matches, shape)
+    i, j = matches.index.T
+    images = third.project(triangulate_pair(left, right, uv_left[i], uv_right[j]))
+    away = np.linalg.norm(images[:, None] - uv_third, axis=2)
+    miss = np.full(shape, np.inf)
+    miss[i, j] = np.nan_to_num(away, nan=np.inf).min(axis=1, initial=np.inf)
+    best_of_left = miss == miss.min(axis=1, keepdims=True, initial=np.inf)
+    best = best_of_left & (miss == miss.min(axis=0, initial=np.inf))
+    return _subset(matches, list(np.flatnonzero((best & (miss <= tolerance_px))[i, j])))
+
+
+def _check_indices(matches: Matches, shape: tuple[int, ...]) -> None:
+    if (matches.index >= shape).any():
+        raise ValueError(
+            f"matches: expected indices below {shape}, got {matches.index.max(axis=0).tolist()}"
+        )
 
 
 def _windows(image: np.ndarray, uv: Array, window_px: int) -> Array:

@@ -28,7 +28,6 @@ OTHER_QUANTITY = {
     "04_kalman": "through this chapter's windows",
     "05_markers": "through this chapter's search for markers",
     "06_matching": "through this chapter's matching",
-    "08b_third": "every fourth pose, three cameras against two",
     "12_force_feedback": "three cameras",
 }
 MEASURES = re.compile(r"\breplicat(?:e|e_table1|ion_errors)\(")

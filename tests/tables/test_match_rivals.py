@@ -8,7 +8,9 @@ import pandas as pd
 import pytest
 
 from trinolab.datasets import load_sweep
-from workbench.studies import match_rivals
+from trinolab.markers import find_markers
+from trinolab.matching import epipolar_distances
+from workbench.studies import ground_truth, match_rivals
 from workbench.studies.match_rivals import Spots
 
 
@@ -42,7 +44,6 @@ def test_a_pair_of_both_directions_has_no_better_partner(spots):
     scores = {
         match_rivals.by_line: lambda D, S: -D,
         match_rivals.by_looks: lambda D, S: S,
-        match_rivals.by_line_and_looks: lambda D, S: S - D / 4,
     }
     for rule, score in scores.items():
         pairs = [len(rule(one, 2.0)) for one in spots]
@@ -53,7 +54,7 @@ def test_a_pair_of_both_directions_has_no_better_partner(spots):
 
 def test_the_best_set_is_the_best_of_all_sets(spots):
     for D, S in spots:
-        value = np.where(D < 2.0, np.maximum(S - D / 4, 0), 0)
+        value = np.where(D < 2.0, np.maximum(S - D / 2, 0), 0)
         n, m = value.shape
         if n > m:
             value = value.T
@@ -62,7 +63,7 @@ def test_the_best_set_is_the_best_of_all_sets(spots):
             for chosen in permutations(range(max(n, m)), min(n, m))
         )
         pairs = match_rivals.best_set(Spots(D, S), 2.0)
-        scores = S[tuple(pairs.T)] - D[tuple(pairs.T)] / 4
+        scores = S[tuple(pairs.T)] - D[tuple(pairs.T)] / 2
         assert (scores > 0).all()
         assert (D[tuple(pairs.T)] < 2.0).all()
         assert abs(scores.sum() - best) < 1e-12
@@ -72,14 +73,14 @@ def test_the_best_set_is_the_best_of_all_sets(spots):
 
 def test_no_spot_no_pair():
     nothing = Spots(np.zeros((0, 3)), np.zeros((0, 3)))
-    assert [len(rule(nothing, 2.0)) for rule in match_rivals.RULES.values()] == [0, 0, 0, 0]
+    assert [len(rule(nothing, 2.0)) for rule in match_rivals.RULES.values()] == [0, 0, 0]
     assert len(match_rivals.by_layout(np.array([], int), np.array([1]))) == 0
 
 
 def test_counts_by_hand():
     """Left spots are the markers 3, none, 5 and 7; right ones 7, 5, none. Marker 7 is turned away."""
     shot = match_rivals.Shot(
-        None, (), (np.array([3, -1, 5, 7]), np.array([7, 5, -1])), ({3, 5}, {5, 7})
+        None, (), (np.array([3, -1, 5, 7]), np.array([7, 5, -1])), ({3, 5}, {5, 7}), None
     )
     pairs = np.array([[3, 0], [1, 2], [0, 1]])  # right, two that are none, wrong
     assert match_rivals.counts(shot, 0, 1, pairs) == {
@@ -100,6 +101,10 @@ def test_a_share_of_nothing_has_an_interval():
             "wrong": 0,
             "due": [50, 50],
             "missing": [5, 10],
+            "posed": 12,
+            "compared": [10, 12],
+            "sum_mm": [1.0, 1.2],
+            "sum_deg": [20.0, 2.0],
         }
     )
     row = script.shares(draws)
@@ -109,22 +114,62 @@ def test_a_share_of_nothing_has_an_interval():
     # drawn again, the two are 5, 10 or 5 and 10 of 50 each
     missing = [row[f"missing_percent{end}"] for end in ("", "_low", "_high")]
     assert missing == [15, 10, 20]
+    assert [row[f"E_t_mm{end}"] for end in ("", "_low", "_high")] == pytest.approx([0.1] * 3)
+    assert row["angle_deg"] == pytest.approx(1.0)
 
 
 def test_the_shipped_table_says_what_the_chapter_says():
     """By rows of the same spots: gates and rules differ, the pairs to be found do not."""
     table = load_sweep("match_rivals")
-    assert set(table.due) == {1489}
-    assert len(table) == len(script.LEVELS_PX) * len(script.GATES_PX) * 7
-    rows = table.set_index(["calibration_px", "gate_px", "rule"])
-    exact = rows.loc[0.0, 2.0]
+    assert table.due.nunique() == 1
+    assert len(table) == len(script.LEVELS_PX) * 7
+    rows = table.set_index(["calibration_px", "rule"])
+    exact, half = rows.loc[0.0], rows.loc[0.5]
+    for each in (exact, half):  # a third camera removes wrong pairs, and the poses follow
+        for column in ("wrong_percent", "E_t_mm", "angle_deg"):
+            of_third, of_paper = (
+                each[[f"{column}_low", f"{column}_high"]].loc[rule]
+                for rule in ("third view", "four constraints")
+            )
+            assert of_third.iloc[1] < of_paper.iloc[0]
+        assert each.missing_percent["third view"] > each.missing_percent["best set"]
     assert exact.wrong_percent["line"] < exact.wrong_percent["four constraints"]
     assert exact.missing_percent_high["line"] < exact.missing_percent_low["four constraints"]
     assert exact.missing_percent_low["layout"] > 5
-    half = rows.loc[0.5, 2.0]
-    assert half.wrong_percent_low["line"] > half.wrong_percent_high["best set"]
+    # half a pixel spoils the line, not the looks
+    assert half.wrong_percent_low["line"] > exact.wrong_percent_high["line"]
+    assert half.wrong_percent["looks"] < exact.wrong_percent_high["looks"]
     layout = table[table.rule.str.startswith("layout")]
     assert layout.wrong.sum() == 0
+
+
+@pytest.mark.heavy
+def test_the_tolerance_of_the_third_view_is_one_that_calm_chooses():
+    """By its poses, if nine of ten instants have one; no other recording has a part in it."""
+    clip = ground_truth.read_recording("calm", range(30, 60))
+    rig, handle, gate_px = clip.rig, clip.handle, 2.0
+    errors = {}
+    for tolerance in (0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0):
+        found = []
+        for now in clip.instants:
+            uv = tuple(find_markers(image, 12, handle.markers).uv for image in now.images)
+            shot = match_rivals.shot_of(now, rig, uv, handle)
+            pairs = {}
+            for i, j in rig.pairs:
+                D = epipolar_distances(rig.cameras[i], rig.cameras[j], uv[i], uv[j])
+                spots = Spots(D, np.zeros_like(D))
+                pairs[i, j] = match_rivals.by_third_view(
+                    shot, rig, i, j, spots, gate_px, tolerance * gate_px
+                )
+            T = match_rivals.pose_by_pairs(shot, rig, pairs)
+            if T is not None:
+                found.append(np.linalg.norm(T.translation - now.T_world_handle.translation))
+        if len(found) >= 27:
+            errors[tolerance] = np.mean(found)
+    least = min(errors.values())
+    chosen = [tolerance for tolerance, error in errors.items() if error < 1.001 * least]
+    assert chosen == [1.5, 2.0, 3.0, 4.0]
+    assert match_rivals.TOLERANCE in chosen
 
 
 @pytest.mark.heavy

@@ -8,12 +8,14 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab.bench.hand import true_visibility
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
+from trinolab.camera import epipolar_lines
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.markers import find_markers
 from trinolab.matching import (
     Matches,
     MatchParameters,
     candidates,
+    confirmed,
     epipolar_distances,
     in_order,
     match,
@@ -25,6 +27,8 @@ from trinolab.measurement import measure
 from trinolab.parameters import Parameters
 
 PAIR = load_rig("paper_pair").cameras
+NO_MATCH = Matches(np.empty((0, 2)), np.empty(0), np.empty(0))
+ONE_MATCH = Matches(np.zeros((1, 2)), np.zeros(1), np.zeros(1))
 
 
 def points(rng, n=20):
@@ -181,6 +185,51 @@ def test_equal_markers_on_one_line_fool_the_correlation_and_not_the_layout(acros
     assert len(set(labels[0].tolist()) - {-1}) == 4
 
 
+def test_a_third_camera_is_not_fooled(across):
+    """Markers that share a line and look alike, as above: CCD2 sees which of the points there are."""
+    rig, handle, T, frames = across
+    order = (0, 2, 1)
+    cameras, images = [rig.cameras[k] for k in order], [frames[k] for k in order]
+    uv = [find_markers(image, 12).uv for image in images]
+    spots = [
+        true_labels(camera, handle, T, found) for camera, found in zip(cameras, uv, strict=True)
+    ]
+    any_ncc = MatchParameters(ncc_threshold=-1.0)
+    near = candidates(*cameras[:2], *images[:2], *uv[:2], any_ncc)
+    right = {tuple(pair) for pair in np.column_stack(spots[:2]).tolist()}
+    assert len(near) > len(right)
+    found = confirmed(near, cameras, uv, 3.0)
+    assert {tuple(pair) for pair in found.index.tolist()} == right
+
+
+def test_a_third_camera_confirms_where_two_epipolar_lines_cross():
+    """No point in space: a pair is seen by the third camera where the lines of its spots cross."""
+    cameras = load_rig("raised_40deg").cameras
+    X = points(np.random.default_rng(6), 60)
+    uv = [camera.project(X) for camera in cameras]
+    uv[2] = uv[2][10:]  # which sees no spot of ten of them
+    D = epipolar_distances(*cameras[:2], *uv[:2])
+    i, j = np.nonzero(D < 1.0)
+    from_left, from_right = (epipolar_lines(cameras[k], cameras[2], uv[k]) for k in (0, 1))
+    crossing = np.cross(from_left[i], from_right[j])
+    crossing = crossing[:, :2] / crossing[:, 2:]
+    away = np.linalg.norm(crossing[:, None] - uv[2], axis=2).min(axis=1)
+    expected = np.flatnonzero(away < 3.0)
+    assert len(i) > 65
+    assert 50 <= len(expected) < 60
+    found = confirmed(Matches(np.column_stack([i, j]), D[i, j], 0.0 * D[i, j]), cameras, uv, 3.0)
+    assert found.index.tolist() == np.column_stack([i, j])[expected].tolist()
+
+
+def test_of_pairs_that_share_a_spot_the_best_confirmed_stays():
+    cameras = load_rig("raised_40deg").cameras
+    X = np.array([[0.0, 0.0, 570.0], [0.2, 0.1, 570.2]])
+    uv = [camera.project(X) for camera in cameras]
+    every = Matches(np.array([[0, 0], [0, 1], [1, 0], [1, 1]]), np.zeros(4), np.zeros(4))
+    assert confirmed(every, cameras, uv, 3.0).index.tolist() == [[0, 0], [1, 1]]
+    assert len(confirmed(every, cameras, [*uv[:2], np.empty((0, 2))], 3.0)) == 0
+
+
 def test_matching_is_the_same_from_either_side(across):
     """With a gate that lets everything pass; D itself is another distance in the other image."""
     rig, _, _, frames = across
@@ -205,6 +254,9 @@ def test_matching_is_the_same_from_either_side(across):
         lambda: epipolar_distances(*PAIR, [[1, 2, 3]], [[1, 2]]),
         lambda: epipolar_distances(PAIR[0], PAIR[0], [[1, 2]], [[1, 2]]),
         lambda: ncc_matrix(np.ones(5), np.ones((5, 5)), [[1, 2]], [[1, 2]], 3),
+        lambda: confirmed(NO_MATCH, PAIR, [[[1, 2]]] * 2, 3.0),
+        lambda: confirmed(NO_MATCH, (*PAIR, PAIR[0]), [[[1, 2]]] * 3, -1.0),
+        lambda: confirmed(ONE_MATCH, (*PAIR, PAIR[0]), [np.empty((0, 2))] * 3, 1.0),
     ],
 )
 def test_bad_input_is_a_value_error(call):

@@ -75,7 +75,6 @@ EXPECTED_S = {
     "recording task": 80.0,
     "03_background": 29.0,
     "07_calibration": 27.0,
-    "08b_third": 27.0,
     "10_estimators": 39.0,
     "10b_trust": 39.0,
 }

@@ -1,4 +1,4 @@
-"""Pictures of the matching: the epipolar plane in space, windows that are compared."""
+"""Picture of the matching: the epipolar plane in space."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from trinolab.camera import Camera
 from trinolab.checks import Array, as_array, as_points
 
-from .basics import COLOURS, subplots
+from .basics import COLOURS
 
 PLANE_MM = 180.0  # distance from a camera's centre at which its image is drawn
 
@@ -49,30 +49,6 @@ def plot_epipolar_plane(
     ax.plot(*seen.T, "o-", color=COLOURS[4], markersize=4, label="epipolar line, right image")
     _seen_from_the_side(ax)
     figure.legend(loc="outside lower center", ncols=3)
-    return figure
-
-
-def plot_windows(windows: Sequence[Sequence[ArrayLike]], titles: Sequence[Sequence[str]]) -> Figure:
-    """Windows that are compared, side by side: a row per pair, left and right.
-
-    Parameters
-    ----------
-    windows : sequence of pairs of array_like, shape (height, width)
-        Grey levels; one scale of greys for all.
-    titles : sequence of pairs of str
-    """
-    figure, axes = subplots(
-        len(windows),
-        2,
-        figsize=(4.2, 2.2 * len(windows)),
-        squeeze=False,
-    )
-    highest = max(np.max(window) for pair in windows for window in pair)
-    for row, pair, names in zip(axes, windows, titles, strict=True):
-        for ax, window, name in zip(row, pair, names, strict=True):
-            ax.imshow(window, cmap="gray", vmin=0, vmax=highest, interpolation="nearest")
-            ax.set_title(name, fontsize=9)
-            ax.set(xticks=[], yticks=[])
     return figure
 
 

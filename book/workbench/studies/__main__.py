@@ -101,7 +101,7 @@ STUDIES = {
         out="data/sweeps/gallery",
     ),
     "match_rivals": Study(
-        "rules that pair spots, with calibrations that are right and off: match_rivals.csv",
+        "rules that pair spots, with exact and wrong calibrations: match_rivals.csv",
         counts={"draws": (12, "pairs of recordings")},
     ),
     "instant_times": Study(

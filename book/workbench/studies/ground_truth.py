@@ -26,15 +26,12 @@ from trinolab.camera import Camera, Rig
 from trinolab.checks import Array, as_array, as_number, as_points, as_whole, frozen
 from trinolab.files.images import read_grey
 from trinolab.files.recording import list_instants, open_folder, read_instants
-from trinolab.handle import Handle, facing_pixels, slants
-from trinolab.matching import epipolar_distances
+from trinolab.handle import Handle, slants
 from trinolab.measurement import whole_images
 from trinolab.parameters import Parameters
 from trinolab.window import Window
 
 from .claim_trials import true_labels
-
-SHOWN_DEG = 80.0  # markers turned further away hardly ever give a spot
 
 
 class Instant(NamedTuple):
@@ -390,36 +387,3 @@ def moving_windows(
             ]
         )
     return windows
-
-
-def in_the_gate(
-    poses: Iterable[RigidTransform], rig: Rig, handle: Handle, gate_px: float
-) -> tuple[int, int]:
-    """What the epipolar gate lets through if every spot is exactly the image of its marker's centre
-    (Eq. 17).
-
-    Parameters
-    ----------
-    poses : iterable of RigidTransform
-        T_world_handle.
-    rig : Rig
-    handle : Handle
-        Its markers count up to a slant of `SHOWN_DEG`.
-    gate_px : float
-        D_0.
-
-    Returns
-    -------
-    wrong, right : int
-        Pairs of two markers, and of twice the same one.
-    """
-    wrong = right = 0
-    for T in poses:
-        uv = [facing_pixels(handle, camera, T, SHOWN_DEG) for camera in rig.cameras]
-        for i, j in rig.pairs:
-            # NaN does not
-            passing = epipolar_distances(rig.cameras[i], rig.cameras[j], uv[i], uv[j]) < gate_px
-            same = int(np.trace(passing))
-            wrong = wrong + int(passing.sum()) - same
-            right = right + same
-    return wrong, right

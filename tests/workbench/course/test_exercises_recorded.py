@@ -174,7 +174,7 @@ def test_the_pairs_of_chapter_6():
             find_markers(image, len(handle.marker_centres), handle.markers).uv
             for image in now.images
         )
-        shot = match_rivals.shot_of(now, rig, uv)
+        shot = match_rivals.shot_of(now, rig, uv, handle)
         for i, j in rig.pairs:
             left, right = rig.cameras[i], rig.cameras[j]
             D = matching.epipolar_distances(left, right, uv[i], uv[j])

@@ -248,7 +248,7 @@ def test_the_recordings_are_those_that_the_chapters_read():
 def test_a_chapter_needs_the_recordings_that_its_code_reads():
     found = {path.stem: build.recordings_of(path) for path in build.chapters()}
     assert found["01_structure"] == ["hard"]
-    assert found["04_kalman"] == found["06b_pairs"] == found["recordings"] == ["calm", "hard"]
+    assert found["04_kalman"] == found["06_matching"] == found["recordings"] == ["calm", "hard"]
     assert found["11_master_slave"] == found["11b_delay"] == ["task"]
     assert found["02_workspace"] == found["12b_wall"] == found["gallery"] == []
 

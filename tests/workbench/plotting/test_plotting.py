@@ -18,7 +18,7 @@ from workbench.plotting.basics import mark_window, show_image
 from workbench.plotting.estimators import plot_by_slant, plot_estimators, plot_shifts
 from workbench.plotting.gallery import plot_factor
 from workbench.plotting.markers import plot_over_slant, plot_thresholds
-from workbench.plotting.matching import plot_epipolar_plane, plot_windows
+from workbench.plotting.matching import plot_epipolar_plane
 from workbench.plotting.structure import MASTER, SYSTEM, plot_structure
 from workbench.plotting.table1 import plot_pose_errors
 from workbench.plotting.workspace import plot_workspace, workspace_plotter, workspace_scene
@@ -302,9 +302,3 @@ def test_the_epipolar_plane_holds_the_points_and_the_second_camera_s_line():
     for pixel, point in zip(seen, points, strict=True):
         # what the camera sees of a point lies on the way to it
         np.testing.assert_allclose(np.cross(pixel - centre, point - centre), 0, atol=1e-6)
-
-
-def test_windows_that_are_compared_have_one_scale_of_greys():
-    dark, bright = np.full((5, 5), 10), np.full((5, 5), 200)
-    figure = plot_windows([[dark, bright]], [["left", "right"]])
-    assert [ax.images[0].get_clim() for ax in figure.axes] == [(0, 200)] * 2

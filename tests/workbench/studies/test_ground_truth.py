@@ -2,26 +2,21 @@
 own.
 """
 
-import dataclasses
 from dataclasses import replace
 
 import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench import rendering
 from trinolab.bench.rendering import standard_recording
 from trinolab.bench.scene import scaled
-from trinolab.camera import Rig
 from trinolab.datasets import load_rig
 from trinolab.files.poses import poses_by_frame, read_poses
-from trinolab.handle import Handle
 from trinolab.window import Window
 from workbench.studies import ground_truth
 from workbench.studies.ground_truth import (
-    in_the_gate,
     judge_search,
     judge_spots,
     moving_windows,
@@ -167,26 +162,6 @@ def test_a_file_that_is_missing_is_named(hard):
             read_recording("hard", [0], seconds=0.2)
     finally:
         path.write_bytes(content)
-
-
-def test_the_gate_by_hand():
-    """Two equal cameras side by side and an upright rod: markers of a row share a line, those of a
-    column none.
-    """
-    camera = load_rig("paper_pair").cameras[0]
-    beside = dataclasses.replace(
-        camera, T_cam_world=RigidTransform.from_translation([-100.0, 0.0, 0.0])
-    )
-    rig = Rig((camera, dataclasses.replace(beside, name="beside")))
-    upright = RigidTransform.from_components(
-        [50.0, 0.0, 570.0], Rotation.from_euler("y", 180, degrees=True)
-    )
-    row = Handle("row", 5.0, 100.0, 50.0, 3.0, (-40.0, 40.0), ((5.0,), (5.0,)))
-    column = Handle("column", 5.0, 100.0, 50.0, 3.0, (0.0,), ((5.0, -5.0),))
-    assert in_the_gate([upright] * 3, rig, row, 2.0) == (6, 6)
-    assert in_the_gate([upright], rig, column, 2.0) == (0, 2)
-    assert in_the_gate([upright], rig, column, 60.0) == (2, 2)
-    assert in_the_gate([], rig, row, 2.0) == (0, 0)
 
 
 def test_a_covered_camera_sees_nothing(hard, monkeypatch):

@@ -20,7 +20,7 @@ from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.files.recording import open_folder
 
 needs_mitsuba = pytest.mark.skipif(
-    find_spec("mitsuba") is None, reason="mitsuba is not here: pip install trinolab[accept]"
+    find_spec("mitsuba") is None, reason="mitsuba is not here: pip install trinolab[second]"
 )
 
 TRUTHS = load_table1().set_poses
