@@ -17,7 +17,8 @@ COVERED = (
     "book/design.md",
     "book/style.md",
     "book/decisions/*.md",
-    "notebooks/0[1-6]*.ipynb",
+    "notebooks/0[1-7]*.ipynb",
+    "notebooks/1[12]*.ipynb",
 )
 UNITS = r"\d (?:mm|µm|px|ms|s|deg|%|[kMG]B)"
 PARTS = "(?:axis|camera|cell|chapter|frame|image|instant|marker|pixel|row|run|step|view)"

@@ -33,7 +33,6 @@ from .errors import (
 from .filters import (
     plot_beliefs,
     plot_learning,
-    plot_nis,
     plot_normals,
     plot_prediction,
     plot_tracks,
@@ -97,7 +96,6 @@ __all__ = [
     "plot_layouts",
     "plot_learning",
     "plot_limits",
-    "plot_nis",
     "plot_normals",
     "plot_null",
     "plot_nyquist",
