@@ -1,4 +1,4 @@
-"""The notebooks of the book: lessons, and the studies behind them (04b_..., 04c_...)."""
+"""The notebooks of the book: lessons, and the studies behind them (05b_..., 05c_...)."""
 
 from pathlib import Path
 

@@ -18,7 +18,7 @@ COVERED = (
     "book/style.md",
     "book/decisions/*.md",
     "notebooks/0[1-8]*.ipynb",
-    "notebooks/10*.ipynb",
+    "notebooks/1[0-2]*.ipynb",
 )
 UNITS = r"\d (?:mm|µm|px|ms|s|deg|%|[kMG]B)"
 PARTS = "(?:axis|camera|cell|chapter|frame|image|instant|marker|pixel|row|run|step|view)"

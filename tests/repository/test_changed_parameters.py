@@ -77,6 +77,14 @@ def test_alpha_moves_verdict_figure_and_closing_errors():
 
 
 @pytest.mark.heavy
+def test_a_small_q_loses_rectangles_and_poses():
+    ours, small = (run("04_kalman", jerk_intensity=q).results for q in (9.5e8, 9.5e6))
+    assert small["held_filter"] == ours["kept_small"] < ours["kept_ours"] == ours["held_filter"]
+    assert small["windows_measured"] < ours["windows_measured"]
+    assert small["track_ours_refused"] > ours["track_ours_refused"]
+
+
+@pytest.mark.heavy
 def test_the_ncc_threshold_moves_verdict_figure_and_closing_errors():
     none, ours, higher, high = (
         run("06_matching", ncc_threshold=threshold, row_step=20)

@@ -137,8 +137,8 @@ def _stored(path: Path) -> dict[str, Any]:
 
 
 def put_card(app: Any, document: nodes.document) -> None:
-    """Put a card at the foot of a chapter, and links to it: one below each cell that shows something
-    or that a number comes from, and one at each number.
+    """Put a card at the foot of a chapter, and links to it: one below each cell on the page that
+    shows something or that a number comes from, and one at each number.
     """
     chapter = read_chapter(
         Path(app.env.doc2path(app.env.docname)).relative_to(app.srcdir).as_posix()
@@ -157,8 +157,14 @@ def put_card(app: Any, document: nodes.document) -> None:
             made.append((cell, _section(container)))
             place = container.parent.index(container) + 1
             container.parent.insert(place, link_to(cell))
+    for node in quoted:  # of a cell that the page leaves out the row leads back to its first number
+        cell = chapter.cells.get(chapter.glued.get(node["glued"], -1))
+        if cell is not None and cell.number not in {one.number for one, _ in made}:
+            made.append((cell, _section(node)))
+            node["ids"].append(f"from-{place_of(cell.number)}")
     if not made:
         return
+    made.sort(key=lambda row: row[0].number)
     for node in quoted:
         _link(node, chapter)
     page = next(document.findall(nodes.section), document)

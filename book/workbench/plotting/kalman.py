@@ -129,35 +129,6 @@ def plot_prediction(
     return ax
 
 
-def plot_nis(values: ArrayLike, gate_probability: float) -> Axes:
-    """How normalised innovations of two coordinates are distributed, beside chi-square.
-
-    Parameters
-    ----------
-    values : array_like, shape (n,)
-        NIS of two coordinates each.
-    gate_probability : float
-        Where the gate is drawn.
-    """
-    nis = as_array(values, "values", (None,))
-    gate = float(chdtri(2, 1 - gate_probability))
-    x = np.linspace(0, 1.2 * gate, 200)
-    _, ax = subplots(figsize=(6.5, 3.2))
-    ax.hist(
-        nis,
-        bins=np.arange(0, 1.2 * gate, 0.5).tolist(),
-        density=True,
-        color=COLOURS[3],
-        label="drawn",
-    )
-    ax.plot(x, np.exp(-x / 2) / 2, color="black", label="chi-square, 2 degrees of freedom")
-    ax.axvline(gate, color=COLOURS[4], linestyle="--", label=f"gate, {100 * gate_probability:g} %")
-    ax.set(xlabel="NIS", ylabel="probability density", yscale="log")
-    ax.set_ylim(1e-4, 1)
-    ax.legend()
-    return ax
-
-
 def plot_learning(
     predicted: Sequence[tuple[ArrayLike, ArrayLike]],
     corrected: Sequence[tuple[ArrayLike, ArrayLike]],

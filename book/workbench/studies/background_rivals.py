@@ -1,14 +1,12 @@
-"""What everybody else would ask of a background: a running median and OpenCV's mixture of Gaussians,
-and their masks held against the truth as those of `trinolab.background` are. Chapter 3.
+"""Masks of any background compared with the truth as those of `trinolab.background` are, and the
+criterion of chapter 3.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 
-import cv2
 import numpy as np
-from numpy.typing import ArrayLike
 
 from trinolab import background
 from trinolab.background import Detection
@@ -19,59 +17,9 @@ FIRST_S, STEP_S, RATE_HZ = 0.5, 1.5, 30  # the second before the step, and when 
 MOST_FALSE, MOST_MISSED = 0.001, 0.01  # of the bench, and of what moves
 
 
-def running_median(
-    frames: Iterable[ArrayLike],
-    first: ArrayLike,
-    difference_threshold: float,
-    step_grey: float = 0.5,
-) -> Iterator[np.ndarray]:
-    """What moves in each frame, bool (height, width), by a background that takes equal steps.
-
-    The background goes `step_grey` grey levels towards each frame, up or down, and comes to rest
-    where half of the frames are brighter.
-
-    Parameters
-    ----------
-    frames : iterable of array_like, shape (height, width)
-    first : array_like, shape (height, width)
-        The background before the first of them.
-    difference_threshold : float
-        T, grey levels.
-    step_grey : float
-        Grey levels a frame.
-    """
-    B = np.array(first, dtype=float)
-    for frame in frames:
-        yield np.abs(frame - B) > difference_threshold
-        B = B + step_grey * np.sign(frame - B)
-
-
-def mog2(
-    frames: Iterable[ArrayLike], first: ArrayLike, update_rate: float, variance_ratio: float = 16.0
-) -> Iterator[np.ndarray]:
-    """What moves in each frame, bool (height, width), by OpenCV's mixture of Gaussians.
-
-    Parameters
-    ----------
-    frames : iterable of array_like of uint8, shape (height, width)
-    first : array_like of uint8, shape (height, width)
-        The background before the first of them.
-    update_rate : float
-        alpha, a frame.
-    variance_ratio : float
-        How many variances a pixel may lie from a Gaussian that it belongs to, squared distance;
-        OpenCV's own default.
-    """
-    model = cv2.createBackgroundSubtractorMOG2(varThreshold=variance_ratio)
-    model.apply(np.asarray(first))
-    for frame in frames:
-        # 255 is what moves, 127 a shadow
-        yield model.apply(np.asarray(frame), learningRate=update_rate) == 255
-
-
 def judged(masks: Iterable[np.ndarray], truths: Sequence[Regions], min_pixels: int) -> Watched:
-    """Masks held against the truth, as `ground_truth.watch` does it for `background.step`; they
-    leave no background.
+    """Errors of masks, as `ground_truth.watch` has them for `background.step`; they leave no
+    background.
     """
     shares = []
     windows = []

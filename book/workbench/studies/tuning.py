@@ -27,16 +27,13 @@ from trinolab.datasets import load_handle, load_real_sets, load_rig
 from trinolab.files.fetch import why_not
 from trinolab.following.posefilter import FADING_S, PoseFilterParameters, transition
 from trinolab.handle import Handle, slants
-from trinolab.image_track import draw, nees, run
+from trinolab.image_track import nees
 from trinolab.kalman import (
     MIN_DT_S,
     KalmanParameters,
     State,
     compare,
-    constant_acceleration,
     correct,
-    initial_state,
-    observation_matrix,
     propagate,
     white_jerk,
 )
@@ -333,31 +330,6 @@ def seconds_nis(
     each = squared.reshape(len(times) - 1, len(seeds), len(rig.cameras), 10, 2)
     means = 2 * each.mean(axis=(0, 4))
     return means.swapaxes(1, 2).reshape(-1, len(rig.cameras))
-
-
-def model_nees(
-    p: KalmanParameters,
-    believed: ArrayLike,
-    rng: np.random.Generator,
-    draws: int = 25,
-    frames: int = 30,
-) -> Array:
-    """Mean NEES of position and velocity, four numbers, over motions drawn from the model itself;
-    shape (frames,).
-
-    The motion starts as `p` has it; the filter starts with the covariance `believed`, shape (6, 6).
-    """
-    start = initial_state([0, 0], p)
-    H = observation_matrix()
-    R = p.sigma_px**2 * np.eye(2)
-    F = constant_acceleration(1 / FPS)
-    Q = white_jerk(1 / FPS, p.jerk_intensity)
-    values = []
-    for _ in range(draws):
-        truth, z = draw(start, frames, F, Q, H, R, rng)
-        states = run(State(start.mean, np.asarray(believed)), z, F, Q, H, R).updated
-        values.append(_nees_of_four(states, truth[:, :4]))
-    return np.mean(values, axis=0)
 
 
 def handheld_poses(every: int = 3) -> tuple[Array, RigidTransform] | None:

@@ -1,7 +1,7 @@
 """How small a search window can be: the filter's, and those of rules without a covariance.
 
 A rule says where a target's last rectangle will be. It needs a margin around it: the filter's is its
-gate, a rule of one line has one that somebody has chosen. Chapters 4 and 4b.
+gate, a rule of one line has one that is chosen, or that follows its last misses. Chapter 4.
 """
 
 from __future__ import annotations
@@ -20,6 +20,8 @@ from trinolab.window import Window
 from .. import intervals
 
 BLOCK = 15  # frames, half a second: neighbouring frames are alike
+# of a margin that follows a rule's own misses: over so many frames, times the largest, px at least
+FRAMES, TIMES, LEAST_PX = 10, 1.5, 8.0
 
 
 class Seen(NamedTuple):
@@ -157,6 +159,15 @@ def largest_miss(found: Sequence[Guess]) -> int:
     return max((miss(guess) for guess in found), default=0)
 
 
+def margins_by_last_misses(found: Sequence[Guess]) -> list[float]:
+    """The margin of each guess, px, from the misses of the same camera's last frames."""
+    margins = []
+    for k, guess in enumerate(found):
+        last = [one for one in found[max(0, k - FRAMES) : k] if one.block[:2] == guess.block[:2]]
+        margins.append(max(LEAST_PX, TIMES * largest_miss(last)))
+    return margins
+
+
 def window_share(guess: Guess, margin_px: float) -> tuple[float, bool]:
     """The share of the image in the window, and whether it holds the target."""
     window = guess.expected.grown(margin_px).clipped(guess.size)
@@ -169,8 +180,9 @@ def rules_with_margins(
 ) -> dict[str, dict[str, list[tuple[Guess, float]]]]:
     """Every rule with its margins, by the name of the rule and of the recording.
 
-    A rule of one line has the margin of its largest miss, in hindsight or from the other recording.
-    The filter has its gate, and its bare rectangle none.
+    A rule of one line has the margin of its largest miss, in hindsight or from the other recording,
+    and the last step also one by its misses in the last ten frames. The filter has its gate, and
+    its bare rectangle none.
 
     Parameters
     ----------
@@ -192,6 +204,10 @@ def rules_with_margins(
                 name: [(guess, float(chosen[source[name]])) for guess in one]
                 for name, one in found.items()
             }
+    tried["last step, of ten frames"] = {
+        name: list(zip(one, margins_by_last_misses(one), strict=True))
+        for name, one in found.items()
+    }
     filtered = {name: guesses(targets, "filter", settings) for name, targets in recordings.items()}
     tried["filter"] = {
         name: [(guess, guess.gate_px) for guess in one] for name, one in filtered.items()

@@ -46,15 +46,15 @@ def whole_hour():
 
 
 def test_a_study_adds_to_its_lesson(tmp_path):
-    notebook(tmp_path, "04_kalman", [("gain", 0.5)], [("fig-a", PNG)])
-    notebook(tmp_path, "04b_tuned", [("gain", 0.7), ("noise", "small")], [("fig-b", PNG + b"b")])
+    notebook(tmp_path, "05_markers", [("gain", 0.5)], [("fig-a", PNG)])
+    notebook(tmp_path, "05b_centroid", [("gain", 0.7), ("noise", "small")], [("fig-b", PNG + b"b")])
     notebook(tmp_path, "11_master_slave", [("late", 154.2)])
     notebook(tmp_path, "recordings", [("other", 1)])
     chapters = hour.read_chapters(tmp_path)
-    assert chapters.keys() == {4, 11}
-    assert chapters[4].values == {"gain": 0.5, "noise": "small"}
+    assert chapters.keys() == {5, 11}
+    assert chapters[5].values == {"gain": 0.5, "noise": "small"}
     assert chapters[11] == Quoted({"late": 154.2}, {})
-    assert chapters[4].pictures == {
+    assert chapters[5].pictures == {
         "fig-a": Picture(PNG, "Alt of fig-a."),
         "fig-b": Picture(PNG + b"b", "Alt of fig-b."),
     }

@@ -5,10 +5,12 @@ the build and the repository.
 import json
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import nbformat
 import pytest
 from docutils import nodes
+from docutils.utils import new_document
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
 
 from workbench.pages import howmade, tablesread
@@ -170,6 +172,23 @@ def test_the_card_says_it_all(build):
     assert fields["Seed"] == "none drawn"
     assert fields["Hashes"] == "none stored"
     assert fields["Run"] == "not recorded"
+
+
+def test_a_number_of_a_cell_that_the_page_leaves_out_leads_to_its_row_and_back(build, monkeypatch):
+    chapter = howmade.read_chapter("notebooks/01_one.ipynb", build)
+    monkeypatch.setattr(howmade, "read_chapter", lambda path: chapter)
+    number, again = nodes.inline(text="0.1"), nodes.inline(text="0.1")
+    number["glued"] = again["glued"] = "E_t_mm"
+    document = new_document("")
+    text = nodes.paragraph("", "", number, again)
+    document += nodes.section("", nodes.title(text="The gain"), text, ids=["the-gain"])
+    env = SimpleNamespace(doc2path=lambda name: "/book/notebooks/01_one.ipynb", docname="")
+    howmade.put_card(SimpleNamespace(env=env, srcdir="/book"), document)
+    assert (number["ids"], again["ids"]) == (["from-made-3"], [])
+    assert number.parent["refid"] == again.parent["refid"] == "made-3"
+    (table,) = document.findall(nodes.table)
+    links = [node["refid"] for node in table.findall(nodes.reference)]
+    assert links == ["from-made-3", "the-gain"]
 
 
 @pytest.mark.parametrize(

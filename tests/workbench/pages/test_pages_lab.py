@@ -182,7 +182,6 @@ def test_a_reader_changes_alpha_and_moves_its_slider(browser, lab):
 @pytest.mark.parametrize(
     ("chapter", "changed", "cell", "before", "after"),
     [
-        ("04b_tuned", "moving, motions = 6, 1", "kalman-39-slider", "q = 9.5e+08", "q = 1e+09"),
         ("06_matching", "instants, row_step = 6, 20", "matching-27", "hold 0.5:", "hold 0.65:"),
         ("08_pose", "draws, row_step = 10, 20", "pose-08", "baseline 99 mm", "baseline 150 mm"),
     ],

@@ -8,7 +8,6 @@ from trinolab.window import Window
 from workbench.plotting.kalman import (
     plot_beliefs,
     plot_learning,
-    plot_nis,
     plot_normals,
     plot_prediction,
     plot_tracks,
@@ -52,15 +51,6 @@ def test_the_gate_is_an_ellipse_that_holds_its_share_of_the_innovations():
     share = np.mean((inside**2).sum(axis=1) <= 1)
     assert share == pytest.approx(0.9, abs=0.02)  # four standard errors of 4,000 draws
     assert {patch.get_label() for patch in ax.patches} >= {"search window"}
-
-
-def test_nis_of_normal_numbers_follows_its_curve():
-    nis = (np.random.default_rng(1).standard_normal((20_000, 2)) ** 2).sum(axis=1)
-    ax = plot_nis(nis, 0.999)
-    heights = np.array([bar.get_height() for bar in ax.patches[:6]])
-    edges = 0.5 * np.arange(7)
-    expected = -np.diff(np.exp(-edges / 2)) / 0.5
-    np.testing.assert_allclose(heights, expected, rtol=0.1)
 
 
 def test_one_stage_of_the_chain_is_lit():

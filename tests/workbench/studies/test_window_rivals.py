@@ -54,6 +54,19 @@ def test_a_window_is_cut_at_the_image_and_holds_what_is_inside():
     assert window_rivals.window_share(guess, 2.0) == (7 * 12 / 20_000, True)
 
 
+def test_a_margin_follows_the_last_ten_misses_of_its_camera():
+    """Steps of 10 px whose fourth is 34 px long: last step misses by 24 px there and at the next one;
+    once and a half that is 36 px, for ten frames.
+    """
+    us = [0, 10, 20, 30, *range(64, 250, 10)]
+    found = window_rivals.guesses([seen("calm", us, (400, 100))], "last step", SETTINGS)
+    assert [window_rivals.miss(guess) for guess in found[:5]] == [0, 0, 24, 24, 0]
+    margins = window_rivals.margins_by_last_misses(found)
+    assert margins == [8.0] * 3 + [36.0] * 11 + [8.0] * (len(found) - 14)
+    other = [guess._replace(block=("calm", 1, 0)) for guess in found]
+    assert window_rivals.margins_by_last_misses([*found, *other]) == margins * 2
+
+
 def test_the_margin_comes_from_the_other_recording():
     recordings = {
         "calm": [seen("calm", [0, 10, 20, 25] * 9)],
