@@ -66,7 +66,8 @@ class RigCalibration(NamedTuple):
         What was written: rig, its covariance, views, picture.
     synchrony : Synchrony or None
         When the cameras take their images, after whole frames are paired again; None where nothing shows
-        that it is not at once.
+        that it is not at once. It is allowed for where the lenses are known, or where the residuals are
+        smaller with it.
     """
 
     found: Calibrated
@@ -174,6 +175,7 @@ class _Solved(NamedTuple):
     reasons: np.ndarray
     choice: Choice | None
     synchrony: Synchrony | None
+    allowed_for: bool  # in the calibration
     ahead: tuple[int, ...]  # views
     lines: tuple[str, ...]
 
@@ -211,8 +213,13 @@ def _solved(
     if seen.times is not None:
         held = known is not None
         timed = synchronised(target.points, seen.uv, calibrated, seen.times, held)
-    calibrated, synchrony = timed or (calibrated, None)
-    return _Solved(seen, calibrated, reasons, choice, synchrony, shifts, tuple(lines))
+    # with lenses that are free, what no model of them describes may look like jitter
+    allowed = timed is not None and (known is not None or timed[0].rms_px < calibrated.rms_px)
+    if timed is not None and allowed:
+        calibrated = timed[0]
+    return _Solved(
+        seen, calibrated, reasons, choice, timed and timed[1], allowed, shifts, tuple(lines)
+    )
 
 
 def _later(solved: _Solved) -> list[int]:
@@ -243,7 +250,7 @@ def _written(
     picture: Callable[[TargetViews, Calibrated], bytes] | None,
 ) -> RigCalibration:
     """A calibration whose files are written."""
-    seen, calibrated, reasons, choice, synchrony, *_ = solved
+    seen, calibrated, reasons, choice, synchrony, allowed_for, *_ = solved
     views = _view_table(seen, calibrated, reasons)
     contents: list[str | bytes] = [
         rig_text(calibrated.rig),
@@ -255,7 +262,7 @@ def _written(
     write_together(dict(zip(files, contents, strict=True)))
     part = larger(seen.showing, target)
     warnings = [*solved.lines, *_paired_again(solved, late), *([part] if part else [])]
-    warnings += [] if synchrony is None else [_not_simultaneous(seen, synchrony)]
+    warnings += [] if synchrony is None else [_not_simultaneous(seen, synchrony, allowed_for)]
     notes = (*look_lines(seen), distance_of_target(calibrated, target))
     parameters = _parameter_table(calibrated)
     return RigCalibration(
@@ -289,17 +296,22 @@ def _paired_again(solved: _Solved, late: Mapping[str, int]) -> list[str]:
     ]
 
 
-def _not_simultaneous(seen: TargetViews, synchrony: Synchrony) -> str:
+def _not_simultaneous(seen: TargetViews, synchrony: Synchrony, allowed_for: bool) -> str:
     """The line about cameras that are not triggered together."""
     scale, unit = (1e3, "ms") if seen.time_unit == "s" else (1.0, seen.time_unit)
     delays = ", ".join(
         f"{name} {scale * delay:+.3g} {unit}"
         for name, delay in zip(seen.cameras[1:], synchrony.delays[1:], strict=True)
     )
+    done = (
+        "the faster the target, the less a view weighs"
+        if allowed_for
+        else "with known lenses (--lenses) this is allowed for; without them hold the target still"
+    )
     return (
         f"the cameras are not simultaneous: {delays} after {seen.cameras[0]}, and "
         f"+-{scale * synchrony.sigma:.2g} {unit} from view to view, by how they disagree on the moving "
-        "target; the faster the target, the less a view weighs"
+        f"target; {done}"
     )
 
 

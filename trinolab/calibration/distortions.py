@@ -27,7 +27,8 @@ from .outliers import calibrate_robustly, silent
 
 FOLDS = 5  # parts of the views, each of which is left out once
 MOST_VIEWS = 25  # that are asked: a calibration of many takes long
-# times the noise with most coefficients, beyond which fewer do not describe the lens
+# times the least noise that is left with any number of coefficients, beyond which one does not describe
+# the lens, whatever its views left out say: those of the others may lie beyond what its folds can see
 FAR_WORSE = 1.5
 
 
@@ -107,11 +108,14 @@ def calibrate_by_choice(
         tried(TERMS[-1])
         wider = chosen(squares)
         choice = choice if PLUMB_BOB in wider.undecided else wider
-    if most not in squares and every[choice.terms].sigma_px > FAR_WORSE * calibrated.sigma_px:
-        choice = Choice(most, {}, ())
     if not choice.left_out_px:
-        return calibrated, reasons, choice._replace(terms=calibrated.distortion_terms)
+        choice = Choice(most, {}, ())
+    closest = min(every, key=lambda terms: every[terms].sigma_px)
+    if every[choice.terms].sigma_px > FAR_WORSE * every[closest].sigma_px:
+        choice = Choice(closest, {}, ())
     best = every[choice.terms]
+    if not choice.left_out_px:
+        return best, reasons, choice
     spread = np.mean([spread_of_cameras(every[terms], best) for terms in choice.undecided], axis=0)
     return replace(best, covariance=frozen(best.covariance + spread)), reasons, choice
 
@@ -204,7 +208,10 @@ def spread_of_cameras(other: Calibrated, best: Calibrated) -> Array:
 def as_lines(choice: Choice) -> list[str]:
     """The choice as lines of text."""
     if not choice.left_out_px:
-        return [f"distortions: {choice.terms}; too few views to leave some out and choose by them"]
+        return [
+            f"distortions: {choice.terms}; the views are too few, or the lens is too wide, to leave some out "
+            "and choose by them"
+        ]
     errors = ", ".join(f"{terms}: {rms:.4f}" for terms, rms in choice.left_out_px.items())
     lines = [
         f"distortions: {choice.terms} of {', '.join(DISTORTIONS)}",

@@ -221,16 +221,19 @@ def _by_number(labels: Sequence[str]) -> dict[str, tuple[int | str, ...]]:
     """Names of a camera's images with those of their numbers that differ from image to image, or the name
     itself without its ending where there is no number; empty where these are not different.
     """
-    digits = [re.findall(r"\d+", Path(label).stem) for label in labels]
+    stems = [Path(label).stem if is_image(Path(label)) else label for label in labels]
+    digits = [re.findall(r"\d+", stem) for stem in stems]
     if len({len(of) for of in digits}) > 1:
         digits = [of[-1:] for of in digits]
+    if len({len(of) for of in digits}) > 1:
+        return {}
     differ = [len(set(map(int, column))) > 1 for column in zip(*digits, strict=True)]
-    keys = [
+    keys: list[tuple[int | str, ...]] = [
         tuple(
             int(one) for one, differs in zip(of, differ, strict=True) if differs or len(labels) == 1
         )
-        or (Path(label).stem.casefold(),)
-        for of, label in zip(digits, labels, strict=True)
+        or (stem.casefold(),)
+        for of, stem in zip(digits, stems, strict=True)
     ]
     return dict(zip(labels, keys, strict=True)) if len(set(keys)) == len(keys) else {}
 
