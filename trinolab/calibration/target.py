@@ -178,6 +178,11 @@ class Target:
             raise ValueError(f"board: expected one of {', '.join(KINDS)}, got {self.kind!r}")
         for name in ("columns", "rows"):
             as_whole(getattr(self, name), name, 3 + (self.kind == "charuco"), _MOST_POINTS)
+        if self.kind == "acircles" and self.rows % 2 == 0:
+            raise ValueError(
+                f"rows: expected an odd number, got {self.rows}: asymmetric circles in even rows look the "
+                "same when they are turned, and are not found in order"
+            )
         square = as_number(self.square_mm, "square_mm", 0.0, 1e6, open_low=True)
         if self.kind == "charuco":
             self._check_markers(square)
@@ -242,10 +247,8 @@ class Target:
         """Whether the target looks the same from two sides, so that its points can be counted in
         two ways.
         """
-        return (
-            self.kind == "circles"
-            or (self.kind == "acircles" and self.rows % 2 == 0)
-            or (self.kind == "chessboard" and (self.columns - self.rows) % 2 == 0)
+        return self.kind == "circles" or (
+            self.kind == "chessboard" and (self.columns - self.rows) % 2 == 0
         )
 
     @property
@@ -253,7 +256,7 @@ class Target:
         """The quarters of a turn after which the target looks the same."""
         if not self.two_ways:
             return (0,)
-        return tuple(range(4)) if self.columns == self.rows and self.kind != "acircles" else (0, 2)
+        return (0, 1, 2, 3) if self.columns == self.rows else (0, 2)
 
     def __str__(self) -> str:
         return f"{self.kind}, {self.columns} x {self.rows} {COUNTED[self.kind]}"
