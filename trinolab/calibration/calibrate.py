@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +16,7 @@ import pandas as pd
 from tqdm import tqdm
 
 from ..camera import Camera, of_one_model
-from ..checks import Array
+from ..checks import Array, frozen
 from ..files.journal import sole_writer
 from ..files.outputs import check_target, write_together
 from ..files.rigs import covariance_path, covariance_text, rig_text
@@ -67,7 +68,7 @@ class RigCalibration(NamedTuple):
     synchrony : Synchrony or None
         When the cameras take their images, after whole frames are paired again; None where nothing shows
         that it is not at once. It is allowed for where the lenses are known, or where the residuals are
-        smaller with it.
+        smaller with it; else the covariance holds the difference that it makes.
     """
 
     found: Calibrated
@@ -217,6 +218,9 @@ def _solved(
     allowed = timed is not None and (known is not None or timed[0].rms_px < calibrated.rms_px)
     if timed is not None and allowed:
         calibrated = timed[0]
+    elif timed is not None:
+        spread = distortions.spread_of_cameras(timed[0], calibrated)
+        calibrated = replace(calibrated, covariance=frozen(calibrated.covariance + spread))
     return _Solved(
         seen, calibrated, reasons, choice, timed and timed[1], allowed, shifts, tuple(lines)
     )
@@ -306,7 +310,7 @@ def _not_simultaneous(seen: TargetViews, synchrony: Synchrony, allowed_for: bool
     done = (
         "the faster the target, the less a view weighs"
         if allowed_for
-        else "with known lenses (--lenses) this is allowed for; without them hold the target still"
+        else "+- holds what this may cost; with known lenses (--lenses) it is allowed for"
     )
     return (
         f"the cameras are not simultaneous: {delays} after {seen.cameras[0]}, and "

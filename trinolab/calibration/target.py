@@ -429,7 +429,7 @@ def _charuco(grey: np.ndarray, target: Target) -> tuple[Array, tuple[int, ...]]:
     # with even rows OpenCV before 4.6 drew another board
     for old in (False, True)[: 1 + (target.rows % 2 == 0)]:
         corners, ids, _, seen = _detector(target, old).detectBoard(grey)
-        markers = () if seen is None else tuple(np.ravel(seen).tolist())
+        markers = () if seen is None else tuple(int(number) for number in np.ravel(seen))
         if ids is not None and len(ids):
             uv[np.ravel(ids)] = np.reshape(corners, (-1, 2))
             detected = np.isfinite(uv).all(axis=1)
