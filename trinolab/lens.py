@@ -70,9 +70,10 @@ def distort(xy: Array, k: Array) -> tuple[Array, Array]:
     slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)  # d radial / d r2
     if len(k) > 5:
         k4, k5, k6 = k[5:]
-        below = _denominator(r2, k)
-        radial /= below
-        slope = (slope - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
+        with np.errstate(all="ignore"):  # at a pole, and far beyond it
+            below = _denominator(r2, k)
+            radial /= below
+            slope = (slope - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
     out = np.column_stack(
         [
             x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
