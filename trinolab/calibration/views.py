@@ -99,9 +99,8 @@ def read_views(
 
     Views of folders are paired by their files' names, of patterns by what the ``*`` stands for, or by the
     numbers in them where these pair more, of videos by the frames' numbers; a view may be missing in a
-    camera. Of more than `most` views some
-    are passed over, evenly. Of more than three times `FIRST` images that many are looked at first, spread
-    evenly over cameras and views; the others only if one of these shows the target.
+    camera. Of more than `most` views some are passed over, evenly. Of more than three times `FIRST`
+    images that many are looked at first, spread evenly over cameras and views; the others only if one of these shows the target.
 
     Parameters
     ----------
@@ -142,9 +141,7 @@ def read_views(
     )
     chosen = every[:: -(-len(every) // most)]
     has_view = np.array([[label in set(one.labels) for label in chosen] for one in opened.values()])
-    check_connected(
-        tuple(opened), has_view, "no view in common", f", whose views are called {some(every)}"
-    )
+    check_connected(tuple(opened), has_view, "no view in common", _called(opened))
     return _found(opened, chosen, target, progress)._replace(
         passed_over=len(every) - len(chosen),
         times=frozen(np.array(chosen, float)) if filmed else None,
@@ -191,9 +188,8 @@ def _paired(opened: dict[str, _Source]) -> dict[str, _Source]:
         for name, one in opened.items()
         if numbers[name]
     }
-    if len(renamed) == len(opened) and _pairs(renamed) > _pairs(
-        {name: one.labels for name, one in opened.items()}
-    ):
+    whole = all(len(renamed.get(name, ())) == len(one.labels) for name, one in opened.items())
+    if whole and _pairs(renamed) > _pairs({name: one.labels for name, one in opened.items()}):
         opened = {
             name: one._replace(files=renamed[name], labels=list(renamed[name]))
             for name, one in opened.items()
@@ -201,14 +197,14 @@ def _paired(opened: dict[str, _Source]) -> dict[str, _Source]:
     fewest = min(len(one.labels) for one in opened.values())
     pairs = _pairs({name: one.labels for name, one in opened.items()})
     if 0 < pairs < LEAST_PAIRED * fewest:
-        first = ", ".join(f"{name} has {some(one.labels)}" for name, one in opened.items())
-        log.warning(
-            "images: only %d views are in more than one camera: %s; a pattern such as 'left/img*.png' "
-            "says by what they pair",
-            pairs,
-            first,
-        )
+        log.warning("images: only %d views are in more than one camera%s", pairs, _called(opened))
     return opened
+
+
+def _called(opened: Mapping[str, _Source]) -> str:
+    """A clause about the names of each camera's views, and the way to pair others."""
+    names = "; ".join(f"{some(one.labels)} of {name}" for name, one in opened.items())
+    return f", whose views are called {names}; a pattern such as 'left/img*.png' says by what they pair"
 
 
 def _pairs(labels: Mapping[str, Iterable[str]]) -> int:

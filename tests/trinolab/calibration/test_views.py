@@ -136,7 +136,7 @@ def test_names_that_agree_are_kept_and_few_pairs_are_said(tmp_path, looked_at, c
     seen = read_views({name: tmp_path / name for name in "ab"}, CHESSBOARD, progress=False)
     assert len(seen.views) == 21
     (line,) = caplog.messages
-    assert "only 3 views are in more than one camera: a has 0.png" in line
+    assert "only 3 views are in more than one camera, whose views are called 0.png, " in line
 
 
 def test_of_a_phone_that_was_turned_between_two_images_that_is_said(tmp_path, looked_at):
