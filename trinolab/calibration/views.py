@@ -100,7 +100,8 @@ def read_views(
     Views of folders are paired by their files' names, of patterns by what the ``*`` stands for, or by the
     numbers in them where these pair more, of videos by the frames' numbers; a view may be missing in a
     camera. Of more than `most` views some are passed over, evenly. Of more than three times `FIRST`
-    images that many are looked at first, spread evenly over cameras and views; the others only if one of these shows the target.
+    images that many are looked at first, spread evenly over cameras and views; the others only if one of
+    these shows the target.
 
     Parameters
     ----------
