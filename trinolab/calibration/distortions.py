@@ -103,21 +103,27 @@ def calibrate_by_choice(
 
     for terms in TERMS[: TERMS.index(most) + 1]:
         tried(terms)
-    choice = chosen(squares)
-    if most == PLUMB_BOB and (choice.undecided == (most,) or most not in squares):
+    choice = _describing(every, squares, most)
+    if choice.terms == PLUMB_BOB:
         tried(TERMS[-1])
-        wider = chosen(squares)
+        wider = _describing(every, squares, most)
         choice = choice if PLUMB_BOB in wider.undecided else wider
-    if not choice.left_out_px:
-        choice = Choice(most, {}, ())
-    closest = min(every, key=lambda terms: every[terms].sigma_px)
-    if every[choice.terms].sigma_px > FAR_WORSE * every[closest].sigma_px:
-        choice = Choice(closest, {}, ())
     best = every[choice.terms]
     if not choice.left_out_px:
         return best, reasons, choice
     spread = np.mean([spread_of_cameras(every[terms], best) for terms in choice.undecided], axis=0)
     return replace(best, covariance=frozen(best.covariance + spread)), reasons, choice
+
+
+def _describing(every: dict[int, Calibrated], squares: dict[int, Array], most: int) -> Choice:
+    """The choice by the views left out, or without them that of most coefficients; of one that leaves far
+    more than another the other.
+    """
+    choice = chosen(squares) if squares else Choice(most, {}, ())
+    closest = min(every, key=lambda terms: every[terms].sigma_px)
+    if every[choice.terms].sigma_px > FAR_WORSE * every[closest].sigma_px:
+        return Choice(closest, {}, ())
+    return choice
 
 
 def _of_most_terms(
