@@ -163,13 +163,11 @@ def ahead(seen: TargetViews, target: Target) -> tuple[int, ...] | None:
 
 def shifted(seen: TargetViews, by: Sequence[int]) -> TargetViews:
     """Views of which each camera's are that many later ones."""
-    parts = {
-        name: frozen(
-            np.stack([_shifted(of, n) for of, n in zip(getattr(seen, name), by, strict=True)])
-        )
-        for name in ("uv", "present", "inverted", "mirrored")
-    }
-    return seen._replace(**parts)
+    uv, present, inverted, mirrored = (
+        frozen(np.stack([_shifted(of, n) for of, n in zip(part, by, strict=True)]))
+        for part in (seen.uv, seen.present, seen.inverted, seen.mirrored)
+    )
+    return seen._replace(uv=uv, present=present, inverted=inverted, mirrored=mirrored)
 
 
 def _shifted(of_views: np.ndarray, by: int) -> np.ndarray:
