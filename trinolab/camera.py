@@ -1,8 +1,8 @@
 """Cameras and rigs: projection, rays, epipolar geometry.
 
 Camera frame: x right, y down, z forward; the world frame is that of the rig file. Pixels ``uv``:
-(0, 0) is the centre of the top-left pixel. Lens distortion is OpenCV's five-coefficient model (k1,
-k2, p1, p2, k3).
+(0, 0) is the centre of the top-left pixel. Lens distortion is OpenCV's model of five coefficients (k1,
+k2, p1, p2, k3), or its rational one of eight (k4, k5, k6 as well).
 """
 
 from __future__ import annotations
@@ -20,27 +20,25 @@ from .lens import as_intrinsics, as_size, distort, project_with_slopes, undistor
 from .rigid import cross_matrices
 
 NEAREST_MM = 1e-6  # depth from which on a point is in front of a camera
-# of a camera, in the order of `RigCovariance`, with their units
-CAMERA_PARAMETERS = (
-    ("fx", "px"),
-    ("fy", "px"),
-    ("cx", "px"),
-    ("cy", "px"),
-    ("k1", "1"),
-    ("k2", "1"),
-    ("p1", "1"),
-    ("p2", "1"),
-    ("k3", "1"),
-    ("rotation_x", "rad"),
-    ("rotation_y", "rad"),
-    ("rotation_z", "rad"),
-    ("translation_x", "mm"),
-    ("translation_y", "mm"),
-    ("translation_z", "mm"),
-)
+DISTORTIONS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 PARALLEL = 1e-6  # sine of the angle below which a camera looks along its `up`
 NO_ROTATION = 1e-3  # of R R^T: what three digits of a printed matrix leave
 _ROUNDING = 1e-6  # of a covariance whose variances are 1: what rounded digits may leave
+
+
+def parameters_of(distortions: int) -> tuple[tuple[str, str], ...]:
+    """The parameters of a camera with so many distortions, in the order of `RigCovariance`, with their
+    units.
+    """
+    return (
+        *((name, "px") for name in ("fx", "fy", "cx", "cy")),
+        *((name, "1") for name in DISTORTIONS[:distortions]),
+        *((f"rotation_{axis}", "rad") for axis in "xyz"),
+        *((f"translation_{axis}", "mm") for axis in "xyz"),
+    )
+
+
+CAMERA_PARAMETERS = parameters_of(5)  # of most cameras
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +52,9 @@ class Camera:
         Width and height in pixels.
     matrix : ndarray, shape (3, 3)
         Intrinsic matrix in pixels; no skew.
-    distortions : ndarray, shape (5,)
-        k1, k2, p1, p2, k3.
+    distortions : ndarray, shape (5,) or (8,)
+        k1, k2, p1, p2, k3 and perhaps k4, k5, k6. Four numbers are taken for five of which the last is
+        zero.
     T_cam_world : RigidTransform
         World to camera, mm.
 
@@ -64,8 +63,8 @@ class Camera:
     ValueError
         For a name that is no line of text, a size that is not two positive whole numbers, a matrix
         of another form than [[fx, 0, cx], [0, fy, cy], [0, 0, 1]] with focal lengths from 1e-6 to
-        1e9 px and cx, cy within 1e9, other than 5 distortions up to 1e6, or anything but one finite
-        transform.
+        1e9 px and cx, cy within 1e9, other than 4, 5 or 8 distortions up to 1e6, or anything but one
+        finite transform.
     """
 
     name: str
@@ -79,7 +78,10 @@ class Camera:
             raise ValueError(f"name: expected a camera's name, got {self.name!r}")
         object.__setattr__(self, "size", as_size(self.size))
         object.__setattr__(self, "matrix", as_intrinsics(self.matrix))
-        object.__setattr__(self, "distortions", as_array(self.distortions, "distortions", (5,)))
+        lens = as_array(self.distortions, "distortions", (None,))
+        if len(lens) not in (4, 5, 8):
+            raise ValueError(f"distortions: expected 4, 5 or 8, got {len(lens)}")
+        object.__setattr__(self, "distortions", lens if len(lens) > 4 else lengthened(lens, 5))
         as_number(np.abs(self.distortions).max(), "distortions: the largest", high=1e6)
         as_transform(self.T_cam_world, "T_cam_world")
 
@@ -110,8 +112,8 @@ class Camera:
         up : array_like, shape (3,)
             The direction of the world that points upwards in the image. The default is that of a
             world whose y axis points down, as in the shipped rigs; with z upwards it is (0, 0, 1).
-        distortions : array_like, shape (5,), optional
-            k1, k2, p1, p2, k3; without them none.
+        distortions : array_like of 4, 5 or 8 numbers, optional
+            k1, k2, p1, p2, k3, k4, k5, k6; without them none.
 
         Raises
         ------
@@ -159,8 +161,8 @@ class Camera:
         t : array_like of 3 numbers
             World to camera, **mm**: a point X of the world is at R X + t before the camera.
         distortions : array_like of 4, 5 or more numbers, optional
-            k1, k2, p1, p2, k3 in OpenCV's order; without them none. Further ones (rational,
-            thin-prism, tilted models) must be zero.
+            k1, k2, p1, p2, k3, k4, k5, k6 in OpenCV's order; without them none. Further ones
+            (thin-prism, tilted models) must be zero.
 
         Raises
         ------
@@ -172,7 +174,7 @@ class Camera:
             np.ravel(() if distortions is None else distortions), "distortions", (None,)
         )
         T_cam_world = RigidTransform.from_components(shift, _opencv_rotation(R))
-        return cls(name, size, K, plumb_bob(lens), T_cam_world)  # type: ignore[arg-type]
+        return cls(name, size, K, as_distortions(lens), T_cam_world)  # type: ignore[arg-type]
 
     @cached_property
     def T_world_cam(self) -> RigidTransform:
@@ -188,6 +190,11 @@ class Camera:
     def axis(self) -> Array:
         """Direction of the optical axis in the world frame, shape (3,), length 1."""
         return frozen(self.T_world_cam.rotation.as_matrix()[:, 2])
+
+    @property
+    def parameters(self) -> tuple[tuple[str, str], ...]:
+        """Its parameters, in the order of `RigCovariance`, with their units."""
+        return parameters_of(len(self.distortions))
 
     @property
     def focal(self) -> Array:
@@ -263,20 +270,34 @@ class Camera:
         return np.asarray(((uv >= margin_px - 0.5) & (uv <= high)).all(axis=1))
 
 
-def plumb_bob(distortions: Array) -> Array:
-    """k1, k2, p1, p2, k3 of as many coefficients as OpenCV gives; ValueError where further ones are not
-    zero.
+def as_distortions(given: Array) -> Array:
+    """A camera's distortions from as many coefficients as OpenCV gives, five where k4, k5, k6 are zero;
+    ValueError where ones beyond these are not.
     """
-    if len(distortions) not in (0, 4, 5, 8, 12, 14):
-        raise ValueError(f"distortions: expected 0, 4, 5, 8, 12 or 14, got {len(distortions)}")
-    if distortions[5:].any():
+    if len(given) not in (0, 4, 5, 8, 12, 14):
+        raise ValueError(f"distortions: expected 0, 4, 5, 8, 12 or 14, got {len(given)}")
+    if given[8:].any():
         raise ValueError(
-            "distortions: expected k1, k2, p1, p2, k3, got others that are not zero; calibrate "
-            "without the rational, the thin-prism and the tilted model"
+            f"distortions: expected {', '.join(DISTORTIONS)}, got others that are not zero; calibrate "
+            "without the thin-prism and the tilted model"
         )
-    five = np.zeros(5)
-    five[: min(len(distortions), 5)] = distortions[:5]
-    return five
+    return lengthened(given[:8] if given[5:].any() else given[:5], 5)
+
+
+def lengthened(distortions: Array, count: int) -> Array:
+    """Distortions with zeros behind them, so that they are at least so many."""
+    return frozen(np.pad(distortions, (0, max(count - len(distortions), 0))))
+
+
+def of_one_model(cameras: Sequence[Camera]) -> tuple[Camera, ...]:
+    """The cameras, all of them with as many distortions as the one that has most."""
+    most = max(len(camera.distortions) for camera in cameras)
+    return tuple(
+        camera
+        if len(camera.distortions) == most
+        else replace(camera, distortions=lengthened(camera.distortions, most))
+        for camera in cameras
+    )
 
 
 def _opencv_rotation(R: ArrayLike) -> Rotation:
@@ -334,10 +355,10 @@ class RigCovariance:
     ----------
     names : tuple of str
         Of the cameras, in the order of the rig.
-    matrix : ndarray, shape (15 c, 15 c)
-        For each camera fx, fy, cx, cy (px), k1, k2, p1, p2, k3, a small rotation d (3, rad; the
-        camera's R_cam_world becomes exp(d) R_cam_world) and the translation of T_cam_world (3, mm),
-        see `displaced`. Rows of exactly known parameters are zero, such as those of the first
+    matrix : ndarray, shape (15 c, 15 c), or (18 c, 18 c) of the rational model
+        For each camera fx, fy, cx, cy (px), its distortions, a small rotation d (3, rad; the
+        camera's R_cam_world becomes exp(d) R_cam_world) and the translation of T_cam_world (3,
+        mm), see `displaced`. Rows of exactly known parameters are zero, such as those of the first
         camera's pose where it defines the world frame.
     freedom : float
         Uncertainty of the matrix's own size: the degrees of freedom of the variances (GUM, annex
@@ -357,7 +378,8 @@ class RigCovariance:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "names", tuple(self.names))
-        n = len(CAMERA_PARAMETERS) * len(self.names)
+        few, many = (len(self.names) * len(parameters_of(m)) for m in (5, 8))
+        n = many if np.shape(self.matrix)[:1] == (many,) else few
         object.__setattr__(self, "matrix", _as_covariance(self.matrix, n))
         if not self.freedom > 0:
             raise ValueError(f"freedom: expected a positive number, got {self.freedom!r}")
@@ -369,6 +391,11 @@ class RigCovariance:
         """
         n = len(CAMERA_PARAMETERS) * len(names)
         return cls(tuple(names), np.zeros((n, n)))
+
+    @property
+    def parameters(self) -> tuple[tuple[str, str], ...]:
+        """A camera's parameters, in the order of the matrix, with their units."""
+        return parameters_of(len(self.matrix) // len(self.names) - len(parameters_of(0)))
 
     @cached_property
     def is_exact(self) -> bool:
@@ -404,6 +431,7 @@ class Rig:
     Attributes
     ----------
     cameras : tuple of Camera
+        All of them have eight distortions if one has.
     covariance : RigCovariance or None
         Uncertainty of the cameras. None, where it is unknown, stands for a calibration of usual
         quality (`default_covariance`), and `RigCovariance.exact` for exactly known cameras.
@@ -432,17 +460,31 @@ class Rig:
             raise ValueError(f"cameras: expected two or more, got {len(self.cameras)}")
         if len(set(self.names)) < len(self.cameras):
             raise ValueError(f"cameras: expected different names, got {', '.join(self.names)}")
+        object.__setattr__(self, "cameras", of_one_model(self.cameras))
         if self.covariance is not None and self.covariance.names != self.names:
             raise ValueError(
                 f"covariance: expected one of the cameras {', '.join(self.names)}, "
                 f"got {', '.join(self.covariance.names)}"
             )
+        if self.covariance is not None and self.covariance.parameters != self.parameters:
+            if not self.covariance.is_exact:
+                raise ValueError(
+                    f"covariance: expected one of {len(self.parameters)} parameters a camera, "
+                    f"got {len(self.covariance.parameters)}"
+                )
+            n = len(self.parameters) * len(self.cameras)
+            object.__setattr__(self, "covariance", RigCovariance(self.names, np.zeros((n, n))))
         if self.reprojection_px is not None:
             as_number(self.reprojection_px, "reprojection_px", low=0.0, open_low=True)
 
     @property
     def names(self) -> tuple[str, ...]:
         return tuple(camera.name for camera in self.cameras)
+
+    @property
+    def parameters(self) -> tuple[tuple[str, str], ...]:
+        """The parameters of each camera, in the order of `RigCovariance`, with their units."""
+        return self.cameras[0].parameters
 
     @cached_property
     def pairs(self) -> tuple[tuple[int, int], ...]:
@@ -457,7 +499,7 @@ class Rig:
         cameras = tuple(self.cameras[k] for k in chosen)
         if self.covariance is None:
             return replace(self, cameras=cameras)
-        n = len(CAMERA_PARAMETERS)
+        n = len(self.parameters)
         rows = (n * np.array(chosen)[:, None] + np.arange(n)).ravel()
         known = replace(
             self.covariance,
@@ -480,7 +522,7 @@ def displaced(rig: Rig, delta: ArrayLike) -> Rig:
     Parameters
     ----------
     rig : Rig
-    delta : array_like, shape (15 c,)
+    delta : array_like, shape (15 c,) or (18 c,)
         px, rad and mm; a draw from the rig's covariance gives a rig as it may be.
 
     Raises
@@ -488,14 +530,14 @@ def displaced(rig: Rig, delta: ArrayLike) -> Rig:
     ValueError
         For a vector of another length, or cameras that `Camera` refuses.
     """
-    n = len(CAMERA_PARAMETERS)
+    n = len(rig.parameters)
     rows = as_array(delta, "delta", (n * len(rig.cameras),)).reshape(-1, n)
     cameras = [_displaced(*one) for one in zip(rig.cameras, rows, strict=True)]
     return replace(rig, cameras=tuple(cameras))
 
 
 def _displaced(camera: Camera, delta: Array) -> Camera:
-    lens, distortions, turn, shift = np.split(delta, [4, 9, 12])
+    lens, distortions, turn, shift = np.split(delta, [4, -6, -3])
     matrix = camera.matrix.copy()
     matrix[[0, 1, 0, 1], [0, 1, 2, 2]] += lens
     T = camera.T_cam_world
@@ -509,8 +551,8 @@ def _displaced(camera: Camera, delta: Array) -> Camera:
 
 
 def difference(rig: Rig, start: Rig) -> Array:
-    """Differences of a rig's cameras from those of another rig, shape (cameras, 15): the vector
-    that `displaced` takes.
+    """Differences of a rig's cameras from those of another rig, shape (cameras, 15) or (cameras, 18): the
+    vector that `displaced` takes.
     """
     rows = []
     for camera, reference in zip(rig.cameras, start.cameras, strict=True):
@@ -542,7 +584,7 @@ def pixels_with_slopes(camera: Camera, points: Array) -> tuple[Array, Array, Arr
     -------
     uv : ndarray, shape (n, 2)
         px.
-    by_parameters : ndarray, shape (n, 2, 15)
+    by_parameters : ndarray, shape (n, 2, 15) or (n, 2, 18)
         In the order of `RigCovariance`.
     by_points : ndarray, shape (n, 2, 3)
         World frame, px/mm. NaN in all where `Camera.project` gives no pixel.

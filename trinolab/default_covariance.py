@@ -118,20 +118,21 @@ def usual_covariance(rig: Rig, image_px: float = IMAGE_PX) -> RigCovariance:
 
 
 def _of_camera(camera: Camera, middle: Array, image_px: float) -> Array:
-    """The wide covariance (15, 15) of a camera, conditioned on the images of four points at the
+    """The wide covariance of a camera's parameters, conditioned on the images of four points at the
     distance of the work.
     """
-    wide = np.zeros((15, 15))
+    n = len(camera.parameters)
+    wide = np.zeros((n, n))
     wide[:4, :4] = np.diag(np.r_[FOCAL_SHARE * camera.focal, CENTRE_PX, CENTRE_PX] ** 2)
     # a turn about the camera's centre takes the world's origin along
     by_turn = np.concatenate([np.eye(3), -cross_matrices(camera.T_cam_world.translation)])
-    wide[9:, 9:] = TURN_RAD**2 * by_turn @ by_turn.T
-    wide[12:, 12:] += SHIFT_MM**2 * np.eye(3)
+    wide[-6:, -6:] = TURN_RAD**2 * by_turn @ by_turn.T
+    wide[-3:, -3:] += SHIFT_MM**2 * np.eye(3)
     right_and_down = camera.T_world_cam.rotation.as_matrix()[:, :2]
     beside = _ASIDE * np.linalg.norm(middle - camera.centre) * right_and_down
     points = middle + _CORNERS @ beside.T
     slopes = pixels_with_slopes(camera, points)[1]
-    J = slopes[np.isfinite(slopes).all(axis=(1, 2))].reshape(-1, 15)
+    J = slopes[np.isfinite(slopes).all(axis=(1, 2))].reshape(-1, n)
     together = np.tile(np.eye(2), (len(J) // 2, 1))
     noise = image_px**2 * (together @ together.T + CORNER_SHARE**2 * np.eye(len(J)))
     gain = np.linalg.solve(J @ wide @ J.T + noise, J @ wide).T

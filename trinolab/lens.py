@@ -2,7 +2,8 @@
 inverse.
 
 The model is that of Brown (1971) as OpenCV writes it: radial terms k1, k2, k3, tangential terms p1,
-p2, in the order k1, k2, p1, p2, k3.
+p2, in the order k1, k2, p1, p2, k3. Three more, k4, k5, k6, divide the radial polynomial by another one
+(OpenCV's rational model), for wide lenses.
 """
 
 from __future__ import annotations
@@ -51,22 +52,28 @@ def distort(xy: Array, k: Array) -> tuple[Array, Array]:
     Parameters
     ----------
     xy : ndarray, shape (n, 2)
-    k : ndarray, shape (5,)
-        k1, k2, p1, p2, k3 (OpenCV's order).
+    k : ndarray, shape (5,) or (8,)
+        k1, k2, p1, p2, k3 and perhaps k4, k5, k6 (OpenCV's order).
 
     Returns
     -------
     distorted : ndarray, shape (n, 2)
-        NaN for missing points, and beyond the radius at which the radial polynomial stops growing.
+        NaN for missing points, and beyond the radius at which the distorted radius stops growing.
     jacobian : ndarray, shape (n, 2, 2)
     """
     if not np.any(k):
         return whole_rows(np.array(xy, dtype=float)), np.broadcast_to(np.eye(2), (len(xy), 2, 2))
-    k1, k2, p1, p2, k3 = k
+    k1, k2, p1, p2, k3 = k[:5]
     x, y = xy[:, 0], xy[:, 1]
     r2 = x * x + y * y
     radial = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
     slope = k1 + r2 * (2 * k2 + 3 * r2 * k3)  # d radial / d r2
+    if len(k) > 5:
+        k4, k5, k6 = k[5:]
+        with np.errstate(all="ignore"):  # at a pole, and far beyond it
+            below = _denominator(r2, k)
+            radial /= below
+            slope = (slope - radial * (k4 + r2 * (2 * k5 + 3 * r2 * k6))) / below
     out = np.column_stack(
         [
             x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
@@ -113,7 +120,7 @@ def project_with_slopes(lens: Array, local: Array) -> tuple[Array, Array, Array]
     Parameters
     ----------
     lens : ndarray, shape (4 + m,)
-        fx, fy, cx, cy (px) and the first m of k1, k2, p1, p2, k3; the others are zero.
+        fx, fy, cx, cy (px) and the first m of k1, k2, p1, p2, k3, k4, k5, k6; the others are zero.
     local : ndarray, shape (..., 3)
         Camera frame, mm.
 
@@ -126,7 +133,7 @@ def project_with_slopes(lens: Array, local: Array) -> tuple[Array, Array, Array]
     """
     depth = np.where(local[..., 2] > 0, local[..., 2], np.nan)[..., None]
     xy = local[..., :2] / depth
-    distortions = np.zeros(5)
+    distortions = np.zeros(max(5, len(lens) - 4))
     distortions[: len(lens) - 4] = lens[4:]
     distorted, by_xy = (
         a.reshape(*xy.shape[:-1], *a.shape[1:]) for a in distort(xy.reshape(-1, 2), distortions)
@@ -137,7 +144,7 @@ def project_with_slopes(lens: Array, local: Array) -> tuple[Array, Array, Array]
         [
             identity * distorted[..., None],
             identity,
-            _by_distortions(xy)[..., : len(lens) - 4] * focal[:, None],
+            _by_distortions(xy, distortions)[..., : len(lens) - 4] * focal[:, None],
         ],
         axis=-1,
     )
@@ -145,9 +152,9 @@ def project_with_slopes(lens: Array, local: Array) -> tuple[Array, Array, Array]
     return distorted * focal + lens[2:4], by_lens, (focal[:, None] * by_xy) @ by_local
 
 
-def _by_distortions(xy: Array) -> Array:
-    """Slopes of the distorted coordinates by k1, k2, p1, p2, k3, shape (..., 2, 5): the model is
-    linear in them.
+def _by_distortions(xy: Array, k: Array) -> Array:
+    """Slopes of the distorted coordinates by the distortions, shape (..., 2, 5) or (..., 2, 8): without
+    k4, k5, k6 the model is linear in them.
     """
     x, y = xy[..., 0], xy[..., 1]
     r2 = x * x + y * y
@@ -155,15 +162,30 @@ def _by_distortions(xy: Array) -> Array:
         [np.stack([2 * x * y, r2 + 2 * x * x], -1), np.stack([r2 + 2 * y * y, 2 * x * y], -1)], -2
     )
     radial = xy[..., None] * np.stack([r2, r2**2, r2**3], -1)[..., None, :]
-    return np.concatenate([radial[..., :2], tangential, radial[..., 2:]], axis=-1)
+    by_five = [radial[..., :2], tangential, radial[..., 2:]]
+    if len(k) == 5:
+        return np.concatenate(by_five, axis=-1)
+    below = _denominator(r2, k)[..., None, None]
+    factor = (1 + r2 * (k[0] + r2 * (k[1] + r2 * k[4])))[..., None, None] / below
+    by_five[0], by_five[2] = by_five[0] / below, by_five[2] / below
+    return np.concatenate([*by_five, -factor / below * radial], axis=-1)
+
+
+def _denominator(r2: Array, k: Array) -> Array:
+    """The polynomial that divides the radial one, of squared radii."""
+    return np.asarray(1 + r2 * (k[5] + r2 * (k[6] + r2 * k[7])))
 
 
 def _fold_radius2(k: Array) -> float:
-    """Squared radius at which r (1 + k1 r^2 + k2 r^4 + k3 r^6) stops growing; infinity if it never
-    does.
+    """Squared radius at which r N(r^2) / D(r^2) stops growing, with N = 1 + k1 r^2 + k2 r^4 + k3 r^6 and D
+    of k4, k5, k6, or has a pole; infinity if it never does.
     """
+    above = np.array([1.0, k[0], k[1], k[4]])
+    below = np.array([1.0, *k[5:]])
+    odd, even = (1.0, 3.0, 5.0, 7.0), np.arange(0.0, 2.0 * len(below), 2.0)
+    growth = np.convolve(odd * above, below) - np.convolve(above, even * below)
     # of 1 / r^2, so that a tiny coefficient divides nothing
-    roots = np.roots([1.0, 3 * k[0], 5 * k[1], 7 * k[4]])
+    roots = np.concatenate([np.roots(growth), np.roots(below)])
     real = roots.real[(np.abs(roots.imag) < 1e-12 * np.abs(roots)) & (roots.real > 0)]
     return 1.0 / float(real.max()) if real.size else np.inf
 

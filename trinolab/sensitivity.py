@@ -18,7 +18,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import RigidTransform
 from scipy.special import chdtri, stdtrit
 
-from .camera import CAMERA_PARAMETERS, Camera, Rig, pixels_with_slopes
+from .camera import Camera, Rig, pixels_with_slopes
 from .checks import Array, frozen
 from .default_covariance import known_covariance, known_placement_mm, known_scale_share
 from .handle import Handle
@@ -130,7 +130,7 @@ def known_errors(response: Response, rig: Rig, handle: Handle) -> Array:
 def by_parameters(places: Response, rig: Rig) -> Array:
     """Derivatives of the places by all parameters of a rig, (2 k, 15 C)."""
     k = len(places.points)
-    by_camera = np.zeros((k, 2, len(rig.cameras), len(CAMERA_PARAMETERS)))
+    by_camera = np.zeros((k, 2, len(rig.cameras), len(rig.parameters)))
     by_camera[np.arange(k), :, places.camera] = slopes_at(rig, places.camera, places.points)[0]
     return by_camera.reshape(2 * k, -1)
 
@@ -147,7 +147,7 @@ def _slopes_at(
     """`slopes_at` by what can be a key."""
     camera = np.frombuffer(camera_bytes, dtype)
     points = np.frombuffer(points_bytes).reshape(-1, 3)
-    by_parameters = np.empty((len(points), 2, len(CAMERA_PARAMETERS)))
+    by_parameters = np.empty((len(points), 2, len(cameras[0].parameters)))
     by_points = np.empty((len(points), 2, 3))
     for c, one in enumerate(cameras):
         mine = camera == c

@@ -1047,7 +1047,9 @@ FAULTS = {
         "images: expected images or videos of all",
     ),
     "board: other names": (
-        lambda: [path.rename(f"b/x{path.name}") for path in list(Path("b").iterdir())],
+        lambda: [
+            path.rename(f"b/{'x' * (1 + int(path.stem))}.png") for path in list(Path("b").iterdir())
+        ],
         BOARDS,
         "b: no view in common with a, whose views are called 00.png, 01.png",
     ),

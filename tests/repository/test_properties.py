@@ -171,7 +171,7 @@ def pixels_of(camera, points):
             lambda v: [[v[0], 0, v[1]], [0, v[2], 5.0], [0, 0, 1]]
         )
     ),
-    either(arrays(float, 5, elements=bounded)),
+    either(arrays(float, st.sampled_from([4, 5, 8]), elements=bounded)),
     st.just(AHEAD) | junk,
 )
 @examples
@@ -187,7 +187,7 @@ def test_a_camera_is_refused_or_usable(name, size, matrix, distortions, T):
 @given(
     st.floats(1e-6, 1e9),
     st.floats(-1e9, 1e9),
-    arrays(float, 5, elements=st.floats(-1e6, 1e6)),
+    arrays(float, st.sampled_from([5, 8]), elements=st.floats(-1e6, 1e6)),
     arrays(float, 3, elements=st.floats(-LARGEST, LARGEST)),
     rows(3),
     rows(2),

@@ -20,6 +20,7 @@ from trinolab.datasets import load_rig
 
 MATRIX = np.array([[800.0, 0, 300.0], [0, 700.0, 250.0], [0, 0, 1]])
 LENS = np.array([-0.25, 0.08, 0.003, -0.002, -0.01])
+RATIONAL = np.array([0.9, 0.11, 1e-3, -2e-3, 0.003, 1.22, 0.32, 0.022])
 
 
 def camera(name="a", distortions=LENS, seed=0):
@@ -60,7 +61,9 @@ def test_a_pixel_by_hand_of_a_camera_elsewhere():
     np.testing.assert_allclose(seen.axis, [1, 0, 0], atol=1e-15)
 
 
-@pytest.mark.parametrize("distortions", [np.zeros(5), LENS], ids=["ideal", "lens"])
+@pytest.mark.parametrize(
+    "distortions", [np.zeros(5), LENS, RATIONAL], ids=["ideal", "lens", "rational"]
+)
 def test_project_equals_opencv(distortions):
     a = camera(distortions=distortions)
     rotation, translation = a.T_cam_world.rotation.as_rotvec(), a.T_cam_world.translation
@@ -262,7 +265,7 @@ def make(**changes):
         ({"matrix": MATRIX * [[-1], [1], [1]]}, "matrix: fx"),
         ({"matrix": MATRIX.T}, "matrix"),
         ({"matrix": MATRIX * np.nan}, "matrix"),
-        ({"distortions": np.zeros(4)}, "distortions"),
+        ({"distortions": np.zeros(6)}, "distortions: expected 4, 5 or 8, got 6"),
         ({"distortions": np.full(5, np.nan)}, "distortions"),
         ({"T_cam_world": np.eye(4)}, "T_cam_world"),
         ({"T_cam_world": RigidTransform.identity(2)}, "T_cam_world"),
@@ -397,7 +400,14 @@ RODRIGUES, SHIFT = np.array([[0.2], [-0.4], [0.1]]), np.array([[30.0], [-12], [5
 
 @pytest.mark.parametrize("as_matrix", [False, True])
 @pytest.mark.parametrize(
-    "lens", [None, [[-0.2, 0.05, 1e-3, -2e-3]], [-0.2, 0.05, 1e-3, -2e-3, 0.01]]
+    "lens",
+    [
+        None,
+        [[-0.2, 0.05, 1e-3, -2e-3]],
+        [-0.2, 0.05, 1e-3, -2e-3, 0.01],
+        [0.9, 0.11, 1e-3, -2e-3, 0.003, 1.22, 0.32, 0.022],
+        [0.9, 0.11, 1e-3, -2e-3, 0.003, 1.22, 0.32, 0.022, 0, 0, 0, 0],
+    ],
 )
 def test_opencv_s_numbers_give_opencv_s_pixels(as_matrix, lens):
     points = np.random.default_rng(0).uniform(-80, 80, (20, 3))
@@ -418,7 +428,7 @@ def test_opencv_s_numbers_give_opencv_s_pixels(as_matrix, lens):
         ({"t": [1, 2]}, "t: expected shape"),
         ({"t": [1, 2, np.nan]}, "t: expected finite numbers"),
         ({"distortions": [0.1, 0, 0]}, "distortions: expected 0, 4, 5, 8, 12 or 14, got 3"),
-        ({"distortions": [0, 0, 0, 0, 0, 0.1, 0, 0]}, "distortions: expected k1, k2, p1, p2, k3"),
+        ({"distortions": [*[0] * 8, 0.1, 0, 0, 0]}, "distortions: expected k1, .*, k6, got others"),
         ({"K": np.eye(2)}, "matrix"),
     ],
 )
@@ -432,3 +442,17 @@ def test_a_lens_of_eight_numbers_whose_last_are_zero_is_one_of_five():
     lens = [-0.2, 0.05, 1e-3, -2e-3, 0.01, 0, 0, 0]
     camera = Camera.from_opencv("c", (640, 480), K, RODRIGUES, SHIFT, lens)
     assert camera.distortions.tolist() == lens[:5]
+
+
+def test_a_rig_has_one_model_of_lenses():
+    first, second = camera(distortions=LENS[:4]), camera("b", RATIONAL, 1)
+    rig = Rig((first, second), RigCovariance.exact("ab"))
+    assert first.distortions.tolist() == [*LENS[:4], 0]
+    assert rig.cameras[0].distortions.tolist() == [*LENS[:4], 0, 0, 0, 0]
+    np.testing.assert_array_equal(rig.cameras[0].project(cloud()), first.project(cloud()))
+    assert rig.covariance.is_exact
+    assert [name for name, _ in rig.parameters][7:12] == ["p2", "k3", "k4", "k5", "k6"]
+    delta = np.linspace(-1e-4, 1e-4, 36)
+    np.testing.assert_allclose(difference(displaced(rig, delta), rig).ravel(), delta, atol=1e-12)
+    with pytest.raises(ValueError, match="expected one of 18 parameters a camera, got 15"):
+        Rig((first, second), RigCovariance(("a", "b"), np.eye(30)))

@@ -14,6 +14,7 @@ LENSES = {
     "pincushion": [0.2, 0.05, 0, 0, 0],
     "tangential": [0, 0, 0.01, -0.02, 0],
     "all": [-0.25, 0.08, 0.003, -0.002, -0.01],
+    "rational": [0.9, 0.11, 1e-3, -2e-3, 0.003, 1.22, 0.32, 0.022],
 }
 each_lens = pytest.mark.parametrize(
     "k", [np.array(k, dtype=float) for k in LENSES.values()], ids=LENSES
@@ -71,6 +72,23 @@ def test_points_beyond_the_fold_have_no_image():
     assert np.isnan(out[1:]).all()
     # more than the largest image radius, 0.544
     assert np.isnan(undistort(np.array([[0.9, 0.0]]), k)).all()
+
+
+@pytest.mark.parametrize(("k4", "what"), [(-0.5, "a pole"), (0.5, "a turn")])
+def test_a_rational_lens_ends_at_its_pole_and_where_it_turns(k4, what):
+    """r / (1 - r^2 / 2) has a pole at r^2 = 2, and r / (1 + r^2 / 2) grows up to there."""
+    k = np.array([0, 0, 0, 0, 0, k4, 0, 0])
+    xy = np.array([[np.sqrt(2) - 1e-6, 0.0], [np.sqrt(2) + 1e-6, 0.0]])
+    out = distort(xy, k)[0]
+    assert np.isfinite(out[0]).all(), what
+    assert np.isnan(out[1]).all(), what
+
+
+def test_five_coefficients_are_eight_of_which_the_last_are_zero():
+    five = np.array(LENSES["all"])
+    eight = np.append(five, np.zeros(3))
+    np.testing.assert_array_equal(distort(points(), five)[0], distort(points(), eight)[0])
+    np.testing.assert_array_equal(undistort(points(), five), undistort(points(), eight))
 
 
 def test_missing_points_stay_missing():

@@ -40,20 +40,24 @@ POSE = RigidTransform.from_components([20.0, -10.0, 560.0], Rotation.from_rotvec
 STEPS = np.array([0.1] * 4 + [1e-2] * 2 + [1e-3] * 2 + [1e-1] + [3e-5] * 3 + [0.02] * 3)
 
 
+@pytest.mark.parametrize("rational", [False, True])
 @pytest.mark.parametrize("c", range(3))
-def test_pixels_move_with_the_rig_as_the_slopes_say(c):
+def test_pixels_move_with_the_rig_as_the_slopes_say(c, rational):
     points = POSE.apply(CODED.marker_centres)
-    by_parameters, by_points = pixel_slopes(RIG.cameras[c], points)
-    for k, step in enumerate(STEPS):
-        delta = np.zeros(45)
-        delta[15 * c + k] = step
-        ahead, behind = (displaced(RIG, s * delta).cameras[c].project(points) for s in (1, -1))
+    lens = [*BENT, 0.3, 0.1, 0.02] if rational else BENT
+    rig = replace(RIG, cameras=tuple(replace(one, distortions=lens) for one in RIG.cameras))
+    steps = np.insert(STEPS, 9, [1e-2, 1e-2, 1e-1]) if rational else STEPS
+    by_parameters, by_points = pixel_slopes(rig.cameras[c], points)
+    for k, step in enumerate(steps):
+        delta = np.zeros(3 * len(steps))
+        delta[len(steps) * c + k] = step
+        ahead, behind = (displaced(rig, s * delta).cameras[c].project(points) for s in (1, -1))
         np.testing.assert_allclose(
             by_parameters[..., k], (ahead - behind) / (2 * step), rtol=1e-5, atol=1e-8
         )
     for k in range(3):
         shift = 0.01 * np.eye(3)[k]
-        ahead, behind = (RIG.cameras[c].project(points + s * shift) for s in (1, -1))
+        ahead, behind = (rig.cameras[c].project(points + s * shift) for s in (1, -1))
         np.testing.assert_allclose(by_points[..., k], (ahead - behind) / 0.02, rtol=1e-6, atol=1e-8)
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import RigidTransform
 
-from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance
+from ..camera import Camera, Rig, RigCovariance, lengthened, of_one_model
 from ..checks import Array, as_array, as_number, as_points, frozen
 from ..rigid import cross_matrices
 from .eq25 import relative_pose
@@ -24,7 +24,9 @@ from .normal import Normal, damped, descended, eliminated, solved
 from .start import homography, intrinsics, target_pose
 
 Poses = list[RigidTransform | None]
-TERMS = (0, 1, 2, 4, 5)  # numbers of distortion coefficients that make sense: k1, k2, (p1, p2), k3
+# numbers of distortion coefficients that make sense: k1, k2, (p1, p2), k3, (k4, k5, k6)
+TERMS = (0, 1, 2, 4, 5, 8)
+PLUMB_BOB = 5  # the most of them without the rational model
 FEWEST_VIEWS = 3
 # Share of the sum of squares by which the last step lowers it: what is left to go is a millionth of
 # a parameter's sigma.
@@ -76,13 +78,13 @@ class Calibrated:
         """
         lens = 4 + self.distortion_terms
         n = len(self.cameras)
-        size = len(CAMERA_PARAMETERS)
+        size = len(self.cameras[0].parameters)
         into = np.zeros((n, size, len(self.covariance)))
         for c, camera in enumerate(self.cameras):
             into[c, :lens, c * lens : (c + 1) * lens] = np.eye(lens)
             if c:
                 at = n * lens + 6 * (c - 1)
-                into[c, 9:, at : at + 6] = _world_to_camera(camera.T_cam_world)
+                into[c, -6:, at : at + 6] = _world_to_camera(camera.T_cam_world)
         flat = into.reshape(n * size, -1)
         matrix = flat @ self.covariance @ flat.T
         return RigCovariance(tuple(camera.name for camera in self.cameras), (matrix + matrix.T) / 2)
@@ -101,11 +103,11 @@ class Calibrated:
 
     @property
     def intrinsic_sigma(self) -> Array:
-        """Standard deviations of fx, fy, cx, cy (px), k1, k2, p1, p2, k3, shape (cameras, 9); 0 for
-        what is fixed.
+        """Standard deviations of fx, fy, cx, cy (px) and the distortions, shape (cameras, 9) or
+        (cameras, 12); 0 for what is fixed.
         """
         width = 4 + self.distortion_terms
-        sigma = np.zeros((len(self.cameras), 9))
+        sigma = np.zeros((len(self.cameras), len(self.cameras[0].parameters) - 6))
         sigma[:, :width] = np.sqrt(np.diag(self.covariance))[: width * len(sigma)].reshape(
             -1, width
         )
@@ -165,14 +167,14 @@ def calibrate(
     names : sequence of str, optional
         Of the cameras; ccd1, ccd2, ... without it.
     distortion_terms : int
-        How many of k1, k2, p1, p2, k3 are fitted, in this order: 0, 1, 2, 4 or 5. The others are
-        zero.
+        How many of k1, k2, p1, p2, k3, k4, k5, k6 are fitted, in this order: 0, 1, 2, 4, 5 or 8. The
+        others are zero.
     start : Calibrated, optional
         What is started from instead of Zhang's start: a calibration of the same views, or more of
         them, perhaps with other distortions. What it did not use is left out.
     lenses : sequence of Camera, optional
         One for each camera whose matrix and distortions are known, and stay as they are: places
-        alone are adjusted. Needs five `distortion_terms`, and no `start`.
+        alone are adjusted. Needs as many `distortion_terms` as they have, and no `start`.
 
     Returns
     -------
@@ -188,9 +190,11 @@ def calibrate(
     """
     target, uv = _checked(target, uv, sizes, distortion_terms)
     if lenses is not None:
-        if len(lenses) != len(uv) or start is not None or distortion_terms != TERMS[-1]:
+        lenses = of_one_model(lenses)
+        most = len(lenses[0].distortions)
+        if len(lenses) != len(uv) or start is not None or distortion_terms != most:
             raise ValueError(
-                f"lenses: expected {len(uv)} cameras, five distortion_terms and no start, got {len(lenses)}"
+                f"lenses: expected {len(uv)} cameras, {most} distortion_terms and no start, got {len(lenses)}"
             )
         state, used = _with_lenses(target, uv, lenses)
     elif start is None:
@@ -234,7 +238,7 @@ def camera_of(name: str, size: tuple[int, int], lens: Array, T_world_cam: RigidT
     """A camera with a lens as `model.State` has it."""
     fx, fy, cx, cy = lens[:4]
     matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-    return Camera(name, size, matrix, np.pad(lens[4:], (0, 9 - len(lens))), T_world_cam.inv())
+    return Camera(name, size, matrix, lengthened(lens[4:], PLUMB_BOB), T_world_cam.inv())
 
 
 def _in_closed_form(
@@ -261,7 +265,7 @@ def _with_lenses(target: Array, uv: Array, lenses: Sequence[Camera]) -> tuple[St
         poses.append([None if h is None else target_pose(h, camera.matrix) for h in H])
     used = np.array([[pose is not None for pose in of] for of in poses])
     T_world_cam, T_world_target = _chained(poses)
-    known = lenses_of(lenses, TERMS[-1])
+    known = lenses_of(lenses, len(lenses[0].distortions))
     return State(known, matrices(T_world_cam), matrices(T_world_target)), used
 
 
@@ -287,7 +291,7 @@ def lenses_of(cameras: Sequence[Camera], terms: int) -> Array:
     """fx, fy, cx, cy and distortions as `model.State` has them."""
     return np.array(
         [
-            [*camera.focal, *camera.principal_point, *camera.distortions[:terms]]
+            [*camera.focal, *camera.principal_point, *lengthened(camera.distortions, terms)[:terms]]
             for camera in cameras
         ]
     )

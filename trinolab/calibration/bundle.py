@@ -36,14 +36,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance, displaced, pixels_with_slopes
+from ..camera import Camera, Rig, RigCovariance, displaced, pixels_with_slopes
 from ..checks import Array, frozen
 from ..handle import Handle
 from ..rigid import cross_matrices, left_jacobian
 from .normal import Normal, Reduced, damped, descended, eliminated, rows
-from .prior import Prior, basis
+from .prior import POSE, Prior, basis
 
-Q = len(CAMERA_PARAMETERS)  # of a camera
 HUBER = 3.0  # standard deviations beyond which a centre counts for less
 MOST_ROUNDS = 10
 SETTLED = 1e-6  # share of the cost by which the last step lowers it
@@ -131,6 +130,11 @@ class _Problem(NamedTuple):
     B: Array
 
     @property
+    def of_cameras(self) -> int:
+        """The number of the cameras' parameters."""
+        return len(self.rig.cameras) * len(self.rig.parameters)
+
+    @property
     def instants(self) -> int:
         return int(self.seen.instant.max()) + 1
 
@@ -183,14 +187,14 @@ def adjust(rig: Rig, handle: Handle, poses: RigidTransform, seen: Centres, prior
 
 def fit_poses(rig: Rig, handle: Handle, poses: RigidTransform, seen: Centres) -> Bundle:
     """The poses alone adjusted to the centres, with rig and markers as they are; see `adjust`."""
-    size = Q * len(rig.cameras)
+    size = len(rig.cameras) * len(rig.parameters)
     return adjust(rig, handle, poses, seen, Prior(np.zeros((size, size)), 0.0, None))
 
 
 def _placed(problem: _Problem, u: Array, rotations: Array, translations: Array) -> _State:
     """The state with unknowns u and poses."""
     change = problem.B @ u
-    delta, shift = np.split(change, [Q * len(problem.rig.cameras)])
+    delta, shift = np.split(change, [problem.of_cameras])
     return _State(
         u,
         delta,
@@ -230,11 +234,11 @@ def _cost(problem: _Problem, state: _State, at: _Linear, factor: float) -> float
 
 def _linearised(problem: _Problem, state: _State) -> _Linear:
     seen = problem.seen
-    count = len(problem.rig.cameras)
+    q = len(problem.rig.parameters)
     R = state.rotations[seen.instant]
     arms = (R @ state.centres[seen.marker][..., None])[..., 0]
     world = arms + state.translations[seen.instant]
-    by_common = np.zeros((len(arms), 2, Q * count + state.centres.size))
+    by_common = np.zeros((len(arms), 2, problem.of_cameras + state.centres.size))
     by_pose = np.empty((len(arms), 2, 6))
     residual = np.empty((len(arms), 2))
     for c, camera in enumerate(state.rig.cameras):
@@ -242,10 +246,11 @@ def _linearised(problem: _Problem, state: _State) -> _Linear:
         uv, by_camera, by_world = pixels_with_slopes(camera, world[mine])
         residual[mine] = seen.uv[mine] - uv
         # exp(delta) turns the camera: to first order by left_jacobian(delta) times its change
-        by_camera[:, :, 9:12] = by_camera[:, :, 9:12] @ left_jacobian(state.delta[Q * c + 9 :][:3])
-        by_common[mine, :, Q * c : Q * (c + 1)] = by_camera
+        turn = state.delta[q * (c + 1) - POSE :][:3]
+        by_camera[:, :, -6:-3] = by_camera[:, :, -6:-3] @ left_jacobian(turn)
+        by_common[mine, :, q * c : q * (c + 1)] = by_camera
         by_pose[mine] = np.concatenate([by_world, -by_world @ cross_matrices(arms[mine])], axis=2)
-        at = Q * count + 3 * seen.marker[mine, None] + np.arange(3)
+        at = problem.of_cameras + 3 * seen.marker[mine, None] + np.arange(3)
         by_common[mine[:, None, None], np.arange(2)[:, None], at[:, None]] = by_world @ R[mine]
     return _Linear(residual, by_common, by_pose)
 
@@ -300,10 +305,11 @@ def _length(problem: _Problem, state: _State) -> tuple[Array, float, float] | No
         first, second = (state.rig.cameras[k] for k in (length.first, length.second))
         baseline = first.centre - second.centre
         for k, camera, sign in ((length.first, first, 1.0), (length.second, second, -1.0)):
-            slope[Q * k + 9 : Q * (k + 1)] = sign * (baseline @ _centre_slopes(camera))
+            end = len(problem.rig.parameters) * (k + 1)
+            slope[end - POSE : end] = sign * (baseline @ _centre_slopes(camera))
     else:
         baseline = state.centres[length.first] - state.centres[length.second]
-        at = Q * len(problem.rig.cameras)
+        at = problem.of_cameras
         slope[at + 3 * length.first :][:3] = baseline
         slope[at + 3 * length.second :][:3] = -baseline
     now = float(np.linalg.norm(baseline))
@@ -343,7 +349,7 @@ def _noise(problem: _Problem, at: _Linear, reduced: Reduced, factor: float) -> f
 
 def _placement(problem: _Problem, reduced: Reduced) -> float:
     """See `Bundle.handle`."""
-    split = Q * len(problem.rig.cameras)
+    split = problem.of_cameras
     of_markers = np.flatnonzero(problem.B[split:].any(axis=0))
     alone = np.linalg.inv(reduced.S[np.ix_(of_markers, of_markers)])
     B = problem.B[split:, of_markers]
@@ -361,7 +367,7 @@ def _as_bundle(
     B = problem.B
     covariance = B @ np.linalg.inv(reduced.S) @ B.T
     covariance = (covariance + covariance.T) / 2
-    split = Q * len(problem.rig.cameras)
+    split = problem.of_cameras
     rig = replace(state.rig, covariance=RigCovariance(state.rig.names, covariance[:split, :split]))
     offsets = state.centres - handle.stated_centres
     moved = replace(

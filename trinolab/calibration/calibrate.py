@@ -7,6 +7,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,19 +15,20 @@ import numpy as np
 import pandas as pd
 from tqdm import tqdm
 
-from ..camera import Camera
-from ..checks import Array
+from ..camera import Camera, of_one_model
+from ..checks import Array, frozen
 from ..files.journal import sole_writer
 from ..files.outputs import check_target, write_together
 from ..files.rigs import covariance_path, covariance_text, rig_text
 from ..rigid import left_jacobian
 from . import distortions
-from .adjust import TERMS, UNEXPLAINED, Calibrated
+from .adjust import FREE, TERMS, UNEXPLAINED, Calibrated
 from .distortions import Choice, calibrate_by_choice
 from .hints import hint, larger
-from .mirrors import Flipped, flipped_lens, unmirrored
+from .mirrors import ahead, flipped_lens, shifted, unmirrored, upright
 from .outliers import FEWEST_POINTS, UNSEEN, calibrate_robustly
 from .scale import check_scale, distance_of_target
+from .start import homography, intrinsics
 from .synchrony import Synchrony, synchronised
 from .tables import read_corners, read_lenses
 from .target import Target
@@ -35,7 +37,8 @@ from .views import TargetViews, check_connected, look_lines, read_views, some
 # cameras that are not triggered together come to 0.8; a camera that is frozen to 10 and more
 LEAST_MOVED_PX = 1.0  # by a point of the target, from view to view
 WORST_RMS_PX = 3.0
-_LENS = ("fx / px", "fy / px", "cx / px", "cy / px", "k1", "k2", "p1", "p2", "k3")
+WIDE_DEG = 40.0  # off the axis, from which on a lens may be none of the models'
+MOST_LOOKS = 3  # at videos, after each of which their frames are paired again
 _PLACE = ("x / mm", "y / mm", "z / mm", "rotation x / deg", "rotation y / deg", "rotation z / deg")
 
 
@@ -56,14 +59,16 @@ class RigCalibration(NamedTuple):
         Views that were not looked at.
     notes : tuple of str
         What a person should know of the target: how it looks, and what its size makes of the cameras.
+    warnings : tuple of str
+        What was wrong with the views, and what was done about it.
     choice : Choice or None
         How the number of distortions was chosen; None if it was given.
     files : tuple of Path
         What was written: rig, its covariance, views, picture.
     synchrony : Synchrony or None
-        When the cameras take their images; None where nothing shows that it is not at once. It is
-        allowed for where the lenses are known. Where they are estimated from the same views it is only
-        said: there the distances in a real rig became no better.
+        When the cameras take their images, after whole frames are paired again; None where nothing shows
+        that it is not at once. It is allowed for where the lenses are known, or where the residuals are
+        smaller with it; else the covariance holds the difference that it makes.
     """
 
     found: Calibrated
@@ -73,6 +78,7 @@ class RigCalibration(NamedTuple):
     notes: tuple[str, ...]
     choice: Choice | None
     files: tuple[Path, ...]
+    warnings: tuple[str, ...] = ()
     synchrony: Synchrony | None = None
 
 
@@ -106,8 +112,8 @@ def calibrate_rig(
     most_views : int
         Of more views than that some are passed over, evenly.
     distortion_terms : int, optional
-        How many of k1, k2, p1, p2, k3 are estimated, in this order: 0, 1, 2, 4 or 5. Without it as
-        many as the views can tell, see `distortions`.
+        How many of k1, k2, p1, p2, k3, k4, k5, k6 are estimated, in this order: 0, 1, 2, 4, 5 or 8.
+        Without it as many as the views can tell, see `distortions`.
     progress : bool
         Show progress bars on standard error, if that is a terminal.
     picture : callable, optional
@@ -129,74 +135,169 @@ def calibrate_rig(
     files = _outputs(out, picture is not None)
     if not isinstance(sources, (str, Path)) and size is not None:
         raise ValueError("size: images have their own; expected it beside a table of points only")
-    with sole_writer(out):
-        if isinstance(sources, (str, Path)):
-            seen = read_corners(sources, target, most_views, size)
-        else:
-            if lenses is not None:
-                read_lenses(lenses, tuple(sources))  # before a search that takes long
-            seen = read_views(sources, target, most_views, progress)
-        return _calibrate_rig(
-            seen, sources, target, files, distortion_terms, lenses, progress, picture
-        )
-
-
-def _calibrate_rig(
-    seen: TargetViews,
-    sources: Mapping[str, str | Path] | str | Path,
-    target: Target,
-    files: tuple[Path, ...],
-    distortion_terms: int | None,
-    lenses: str | Path | None,
-    progress: bool,
-    picture: Callable[[TargetViews, Calibrated], bytes] | None,
-) -> RigCalibration:
-    """`calibrate_rig` of the views that were seen, for the one process that writes these files."""
-    _check_seen(seen, sources, target)
-    check_scale(seen, target)
     if lenses is not None and distortion_terms is not None:
         raise ValueError("distortions: are held with the lenses; expected one of both alone")
-    known = None if lenses is None else _known(lenses, seen)
-    terms = distortion_terms if known is None else TERMS[-1]
-    flipped: Flipped | None = None
-    with _reporting(len(seen.cameras), terms, progress) as report:
-        try:
-            calibrated, reasons, choice = _calibrated(seen, target, terms, known, report)
-        except ValueError:
-            flipped = unmirrored(seen, target)
-            if flipped is None:
-                raise
+
+    def look(late: Mapping[str, int]) -> TargetViews:
+        if isinstance(sources, (str, Path)):
+            return read_corners(sources, target, most_views, size, late)
+        return read_views(sources, target, most_views, progress, late)
+
+    with sole_writer(out):
+        if lenses is not None and not isinstance(sources, (str, Path)):
+            read_lenses(lenses, tuple(sources))  # before a search that takes long
+        late = dict[str, int]()
+        for _ in range(MOST_LOOKS):
+            seen = look(late)
+            _check_seen(seen, sources, target)
+            check_scale(seen, target)
+            known = None if lenses is None else _known(lenses, seen)
+            terms = distortion_terms if known is None else len(known[0].distortions)
+            with _reporting(len(seen.cameras), terms, progress) as report:
+                solved = _solved(seen, target, terms, known, report)
+            later = _later(solved)
+            if not any(later):
+                return _written(solved, target, late, files, picture)
+            late = {
+                name: late.get(name, 0) + by for name, by in zip(seen.cameras, later, strict=True)
+            }
+    raise ValueError(
+        f"images of {', '.join(seen.cameras)}: the cameras do not take their images together, and their "
+        "views cannot be paired otherwise: expected videos that begin together, or a target that is held "
+        "still for each view"
+    )
+
+
+class _Solved(NamedTuple):
+    """A calibration, the views with which it was made, and what was done to these."""
+
+    seen: TargetViews
+    calibrated: Calibrated
+    reasons: np.ndarray
+    choice: Choice | None
+    synchrony: Synchrony | None
+    allowed_for: bool  # in the calibration
+    ahead: tuple[int, ...]  # views
+    lines: tuple[str, ...]
+
+
+def _solved(
+    seen: TargetViews,
+    target: Target,
+    terms: int | None,
+    known: list[Camera] | None,
+    report: Callable[[str], object],
+) -> _Solved:
+    """The calibration of views, or if they contradict each other of views that are flipped or shifted."""
+    seen, turned = upright(seen, target)
+    lines = [turned] if turned else []
+    shifts = (0,) * len(seen.cameras)
+    try:
+        calibrated, reasons, choice = _calibrated(seen, target, terms, known, report)
+    except ValueError:
+        flipped = unmirrored(seen, target)
+        by = None if flipped else ahead(seen, target)
+        if flipped is not None:
             seen = flipped.seen
+            lines.append(flipped.line)
             known = known and [
                 flipped_lens(lens) if lens.name in flipped.cameras else lens for lens in known
             ]
-            calibrated, reasons, choice = _calibrated(seen, target, terms, known, report)
-        report("when the cameras take their images")
-        timed = None
-        if seen.times is not None:
-            held = known is not None
-            timed = synchronised(target.points, seen.uv, calibrated, seen.times, held)
-        if timed is not None and known is not None:
-            calibrated = timed[0]
-        views = _view_table(seen, calibrated, reasons)
-        parameters = _parameter_table(calibrated)
-        contents: list[str | bytes] = [
-            rig_text(calibrated.rig),
-            covariance_text(calibrated.rig_covariance),
-            views.to_csv(index=False, float_format="%.6g"),
-        ]
-        report("figure and files")
-        if picture is not None:
-            contents.append(picture(seen, calibrated))
+        elif by is not None:
+            shifts = by
+            seen, _ = upright(shifted(seen, by), target)
+        else:
+            raise
+        calibrated, reasons, choice = _calibrated(seen, target, terms, known, report)
+    report("when the cameras take their images")
+    timed = None
+    if seen.times is not None:
+        held = known is not None
+        timed = synchronised(target.points, seen.uv, calibrated, seen.times, held)
+    # with lenses that are free, what no model of them describes may look like jitter
+    allowed = timed is not None and (known is not None or timed[0].rms_px < calibrated.rms_px)
+    if timed is not None and allowed:
+        calibrated = timed[0]
+    elif timed is not None:
+        spread = distortions.spread_of_cameras(timed[0], calibrated)
+        calibrated = replace(calibrated, covariance=frozen(calibrated.covariance + spread))
+    return _Solved(
+        seen, calibrated, reasons, choice, timed and timed[1], allowed, shifts, tuple(lines)
+    )
+
+
+def _later(solved: _Solved) -> list[int]:
+    """By how many frames each camera's views are to be paired again; none where another program has
+    paired them by their times.
+    """
+    seen, synchrony = solved.seen, solved.synchrony
+    frames = _frames_per_view(seen)
+    if synchrony is None or not frames:
+        return [0] * len(seen.cameras)
+    whole = np.rint(synchrony.delays).astype(int)
+    by = np.array(solved.ahead) if whole.any() else 0
+    return [int(later) for later in whole + frames * by]
+
+
+def _frames_per_view(seen: TargetViews) -> int:
+    """The frames from one view to the next; 0 where views are no frames of videos."""
+    if seen.times is None or seen.time_unit != "frames":
+        return 0
+    return round(float(seen.times[1] - seen.times[0]))
+
+
+def _written(
+    solved: _Solved,
+    target: Target,
+    late: Mapping[str, int],
+    files: tuple[Path, ...],
+    picture: Callable[[TargetViews, Calibrated], bytes] | None,
+) -> RigCalibration:
+    """A calibration whose files are written."""
+    seen, calibrated, reasons, choice, synchrony, allowed_for, *_ = solved
+    views = _view_table(seen, calibrated, reasons)
+    contents: list[str | bytes] = [
+        rig_text(calibrated.rig),
+        covariance_text(calibrated.rig_covariance),
+        views.to_csv(index=False, float_format="%.6g"),
+    ]
+    if picture is not None:
+        contents.append(picture(seen, calibrated))
     write_together(dict(zip(files, contents, strict=True)))
     part = larger(seen.showing, target)
-    notes = [*look_lines(seen), *([flipped.line] if flipped else [])]
-    synchrony = None if timed is None else timed[1]
-    notes += [] if synchrony is None else [_not_simultaneous(seen, synchrony, known is not None)]
-    notes += [distance_of_target(calibrated, target), *([part] if part else [])]
+    warnings = [*solved.lines, *_paired_again(solved, late), *([part] if part else [])]
+    warnings += [] if synchrony is None else [_not_simultaneous(seen, synchrony, allowed_for)]
+    notes = (*look_lines(seen), distance_of_target(calibrated, target))
+    parameters = _parameter_table(calibrated)
     return RigCalibration(
-        calibrated, parameters, views, seen.passed_over, tuple(notes), choice, files, synchrony
+        calibrated,
+        parameters,
+        views,
+        seen.passed_over,
+        notes,
+        choice,
+        files,
+        tuple(warnings),
+        synchrony,
     )
+
+
+def _paired_again(solved: _Solved, late: Mapping[str, int]) -> list[str]:
+    """A line if views or frames of other names were paired, by which the cameras agree."""
+    seen = solved.seen
+    frames = _frames_per_view(seen)
+    unit = "frames" if frames else "views"
+    total = {
+        name: late.get(name, 0) + (frames or 1) * by
+        for name, by in zip(seen.cameras, solved.ahead, strict=True)
+    }
+    if not any(total.values()):
+        return []
+    begins = ", ".join(f"{name} {by:+d}" for name, by in total.items() if by)
+    return [
+        f"the cameras begin at different {unit}: {begins} after {seen.cameras[0]}, by how they agree on the "
+        "target; their views are paired accordingly"
+    ]
 
 
 def _not_simultaneous(seen: TargetViews, synchrony: Synchrony, allowed_for: bool) -> str:
@@ -209,7 +310,7 @@ def _not_simultaneous(seen: TargetViews, synchrony: Synchrony, allowed_for: bool
     done = (
         "the faster the target, the less a view weighs"
         if allowed_for
-        else "with known lenses (--lenses) this is allowed for; without them hold the target still"
+        else "+- holds what this may cost; with known lenses (--lenses) it is allowed for"
     )
     return (
         f"the cameras are not simultaneous: {delays} after {seen.cameras[0]}, and "
@@ -261,7 +362,7 @@ def _check_seen(
         count = int(seen.present.sum())
         raise ValueError(
             f"images of {', '.join(seen.cameras)}: target ({target}) found in none of {count}, spread evenly "
-            f"over all {count + seen.unseen}; expected it in most; {hint(target)}"
+            f"over all {count + seen.unseen}; expected it in most; {hint(target, seen.markers)}"
         )
     enough = np.isfinite(seen.uv).all(axis=3).sum(axis=2) >= FEWEST_POINTS
     for name, has, images in zip(
@@ -270,7 +371,7 @@ def _check_seen(
         if has < 3:
             raise ValueError(
                 f"{source_of(name)}: camera {name}: target ({target}) found in {has} of {images} images, "
-                f"expected three or more; {hint(target)}"
+                f"expected three or more; {hint(target, seen.markers)}"
             )
     check_connected(seen.cameras, enough, "no view in which it sees the target together")
     for name, has, uv in zip(seen.cameras, enough, seen.uv, strict=True):
@@ -283,14 +384,14 @@ def _check_seen(
 
 def _known(lenses: str | Path, seen: TargetViews) -> list[Camera]:
     """The lenses of the cameras, which hold for images of one size."""
-    known = read_lenses(lenses, seen.cameras)
+    known = of_one_model(read_lenses(lenses, seen.cameras))
     for camera, size in zip(known, seen.sizes, strict=True):
         if camera.size != size:
             raise ValueError(
                 f"{lenses}: camera {camera.name} has {camera.size[0]} x {camera.size[1]} pixels, its images "
                 f"have {size[0]} x {size[1]}"
             )
-    return known
+    return list(known)
 
 
 def _moved_px(uv: np.ndarray) -> float:
@@ -314,7 +415,6 @@ def _calibrated(
     of cameras by their names.
     """
     given = (target.points, seen.uv, seen.sizes, seen.cameras)
-    cause = "views of one name do not show one position of the target"
     choice = None
     try:
         if terms is None:
@@ -330,14 +430,47 @@ def _calibrated(
             str(error)[4:],
         )
         if UNEXPLAINED.endswith(text):
-            text += f"; likely {cause}"
+            text += f"; likely {_causes(seen, target)}"
+        elif FREE.endswith(text) and (wide := _wide_lens(seen, target)):
+            text += f"; likely {wide}"
         raise ValueError(f"images of {', '.join(seen.cameras)}: {text}") from None
     if calibrated.rms_px > WORST_RMS_PX:
         raise ValueError(
             f"images of {', '.join(seen.cameras)}: a residual of {calibrated.rms_px:.1f} px, expected at most "
-            f"{WORST_RMS_PX:g}: {cause}"
+            f"{WORST_RMS_PX:g}: {_causes(seen, target)}"
         )
     return calibrated, reasons, choice
+
+
+def _causes(seen: TargetViews, target: Target) -> str:
+    """What may be wrong with views that no cameras explain."""
+    causes = ["views of one name do not show one position of the target"]
+    if target.two_ways:
+        causes.append(
+            "a camera is turned: this target looks the same then, and all cameras must stand upright"
+        )
+    wide = _wide_lens(seen, target)
+    return "; or ".join([*([wide] if wide else []), *causes])
+
+
+def _wide_lens(seen: TargetViews, target: Target) -> str:
+    """A clause about the widest lens, as wide as the closed form has it, if it is a wide one."""
+    widest, name = 0.0, ""
+    for camera, views, size in zip(seen.cameras, seen.uv, seen.sizes, strict=True):
+        H = [homography(target.points[:, :2], uv) for uv in views]
+        try:
+            K = intrinsics([h for h in H if h is not None], size)
+        except (ValueError, np.linalg.LinAlgError):
+            continue
+        xy = (views - K[:2, 2]) / np.diag(K)[:2]
+        angle = float(np.rad2deg(np.arctan(np.nanmax(np.linalg.norm(xy, axis=-1)))))
+        widest, name = max((widest, name), (angle, camera))
+    if widest < WIDE_DEG:
+        return ""
+    return (
+        f"the lens of {name} is none that k1 to k6 describe, as a fisheye: its points lie about {widest:.0f} "
+        "deg off the axis"
+    )
 
 
 def _view_table(seen: TargetViews, found: Calibrated, reasons: np.ndarray) -> pd.DataFrame:
@@ -366,11 +499,14 @@ def _parameter_table(found: Calibrated) -> pd.DataFrame:
     rows = []
     for k, camera in enumerate(found.cameras):
         lens = [*camera.focal, *camera.principal_point, *camera.distortions]
+        names = [
+            name if unit == "1" else f"{name} / {unit}" for name, unit in camera.parameters[:-6]
+        ]
         values = [*lens, *_place(found, k)[0]]
         sigmas = [*found.intrinsic_sigma[k], *_place(found, k)[1]]
         rows += [
             {"camera": camera.name, "parameter": name, "value": float(value), "sigma": float(sigma)}
-            for name, value, sigma in zip(_LENS + _PLACE, values, sigmas, strict=True)
+            for name, value, sigma in zip([*names, *_PLACE], values, sigmas, strict=True)
         ]
     return pd.DataFrame(rows)
 
@@ -406,7 +542,7 @@ def as_lines(result: RigCalibration) -> list[str]:
     )
     first = calibrated.cameras[0].name
     for name, rows in result.parameters.groupby("camera", sort=False):
-        visible_rows = rows[: len(_LENS)] if name == first else rows
+        visible_rows = rows[: -len(_PLACE)] if name == first else rows
         frame = (
             "the world frame"
             if name == first

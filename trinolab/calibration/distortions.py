@@ -6,7 +6,8 @@ speaks of noise alone. Whether it describes the lens is seen in views that were 
 are calibrated without some of the views, the target's pose in each of these is found with the
 cameras held, and what is left of the points is the model's error. The fewest coefficients are
 chosen whose error is not worse than the best by more than its standard error (Hastie, Tibshirani
-and Friedman 2009, The Elements of Statistical Learning, sect. 7.10).
+and Friedman 2009, The Elements of Statistical Learning, sect. 7.10). The rational model's eight are
+tried where five are better than any fewer, and taken where they are better still.
 """
 
 from __future__ import annotations
@@ -18,13 +19,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ..camera import DISTORTIONS
 from ..checks import Array, as_array, frozen
 from ..rigid import motion_between
-from .adjust import TERMS, Calibrated, calibrate, posed
+from .adjust import PLUMB_BOB, TERMS, Calibrated, calibrate, lenses_of, posed
 from .outliers import calibrate_robustly, silent
 
 FOLDS = 5  # parts of the views, each of which is left out once
 MOST_VIEWS = 25  # that are asked: a calibration of many takes long
+# times the least noise that is left with any number of coefficients, beyond which one does not describe
+# the lens, whatever its views left out say: those of the others may lie beyond what its folds can see
+FAR_WORSE = 1.5
 
 
 class Choice(NamedTuple):
@@ -33,10 +38,10 @@ class Choice(NamedTuple):
     Attributes
     ----------
     terms : int
-        How many of k1, k2, p1, p2, k3 are fitted, in this order.
+        How many of `camera.DISTORTIONS` are fitted, in this order.
     left_out_px : dict of int to float
-        For each number the rms distance of points in views that were left out, px. Empty where
-        there are too few views to leave some out.
+        For each number that can be fitted the rms distance of points in views that were left out, px.
+        Empty where there are too few views to leave some out.
     undecided : tuple of int
         The numbers that the views cannot tell from the best one, by falling simplicity; `terms` is
         the first of them.
@@ -81,22 +86,44 @@ def calibrate_by_choice(
     pixels[reasons != ""] = np.nan
     every, squares = dict[int, Calibrated](), dict[int, Array]()
     most = calibrated.distortion_terms
-    for terms in TERMS[: TERMS.index(most) + 1]:
+
+    def tried(terms: int) -> None:
         report(f"distortions: {terms}")
-        every[terms] = (
-            calibrated
-            if terms == most
-            else calibrate(target, pixels, sizes, names, terms, start=calibrated)
-        )
+        try:
+            every[terms] = (
+                calibrated
+                if terms == most
+                else calibrate(target, pixels, sizes, names, terms, start=calibrated)
+            )
+        except ValueError:  # no lens of so few describes the views
+            return
         left_out = left_out_squares(target, pixels, every[terms])
         if left_out is not None:
             squares[terms] = left_out
-    choice = chosen(squares)
-    if not choice.left_out_px:
-        return calibrated, reasons, choice._replace(terms=calibrated.distortion_terms)
+
+    for terms in TERMS[: TERMS.index(most) + 1]:
+        tried(terms)
+    choice = _describing(every, squares, most)
+    if choice.terms == PLUMB_BOB:
+        tried(TERMS[-1])
+        wider = _describing(every, squares, most)
+        choice = choice if PLUMB_BOB in wider.undecided else wider
     best = every[choice.terms]
+    if not choice.left_out_px:
+        return best, reasons, choice
     spread = np.mean([spread_of_cameras(every[terms], best) for terms in choice.undecided], axis=0)
     return replace(best, covariance=frozen(best.covariance + spread)), reasons, choice
+
+
+def _describing(every: dict[int, Calibrated], squares: dict[int, Array], most: int) -> Choice:
+    """The choice by the views left out, or without them that of most coefficients; of one that leaves far
+    more than another the other.
+    """
+    choice = chosen(squares) if squares else Choice(most, {}, ())
+    closest = min(every, key=lambda terms: every[terms].sigma_px)
+    if every[choice.terms].sigma_px > FAR_WORSE * every[closest].sigma_px:
+        return Choice(closest, {}, ())
+    return choice
 
 
 def _of_most_terms(
@@ -107,7 +134,7 @@ def _of_most_terms(
     report: Callable[[str], object],
 ) -> tuple[Calibrated, np.ndarray]:
     """The calibration with as many coefficients as the views determine at all."""
-    for terms in TERMS[:0:-1]:
+    for terms in TERMS[-2:0:-1]:
         try:
             return calibrate_robustly(target, uv, sizes, names, terms, report)
         except ValueError:  # the views leave some of them free
@@ -175,32 +202,25 @@ def spread_of_cameras(other: Calibrated, best: Calibrated) -> Array:
     """The outer product (q, q) of how far another calibration's cameras lie from the best one's, in
     the order of `Calibrated.covariance`.
     """
-    terms = best.distortion_terms
-    lenses = [
-        np.concatenate(
-            [
-                a.focal - b.focal,
-                a.principal_point - b.principal_point,
-                (a.distortions - b.distortions)[:terms],
-            ]
-        )
-        for a, b in zip(other.cameras, best.cameras, strict=True)
-    ]
+    a, b = (lenses_of(found.cameras, best.distortion_terms) for found in (other, best))
     places = [
         motion_between(a.T_world_cam, b.T_world_cam)
         for a, b in zip(other.cameras[1:], best.cameras[1:], strict=True)
     ]
-    change = np.concatenate([*lenses, *places])
+    change = np.concatenate([(a - b).ravel(), *places])
     return np.outer(change, change)
 
 
 def as_lines(choice: Choice) -> list[str]:
     """The choice as lines of text."""
     if not choice.left_out_px:
-        return [f"distortions: {choice.terms}; too few views to leave some out and choose by them"]
+        return [
+            f"distortions: {choice.terms}; the views are too few, or the lens is too wide, to leave some out "
+            "and choose by them"
+        ]
     errors = ", ".join(f"{terms}: {rms:.4f}" for terms, rms in choice.left_out_px.items())
     lines = [
-        f"distortions: {choice.terms} of k1, k2, p1, p2, k3",
+        f"distortions: {choice.terms} of {', '.join(DISTORTIONS)}",
         f"  rms / px in views left out, by their number: {errors}",
     ]
     if len(choice.undecided) > 1:

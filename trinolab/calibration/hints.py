@@ -13,8 +13,19 @@ from .target import COUNTED, Target
 AGREE = 2  # images on a larger chessboard: a shadow may look like one more row of squares
 
 
-def hint(target: Target) -> str:
-    """A line about a target that is not found: what was looked for, and what to try."""
+def hint(target: Target, markers: Sequence[tuple[int, ...]] = ()) -> str:
+    """A line about a target that is not found: what was looked for, and what to try. Of images with
+    markers that its board does not have, it says which these are.
+    """
+    counts = Counter(number for of in markers for number in set(of))
+    others = [n for n, count in counts.items() if count >= AGREE and n not in target.markers]
+    if others:
+        seen = [n for n, count in counts.items() if count >= AGREE]
+        return (
+            f"markers {min(seen)} to {max(seen)} of {target.family} are seen, the board has "
+            f"{target.markers[0]} to {target.markers[-1]}: likely it begins at another one (--first-marker "
+            f"{min(seen)}), or has other --columns and --rows"
+        )
     charuco = target.kind == "charuco"
     tried = "dark on light and light on dark" + (", each as in a mirror as well" if charuco else "")
     options = "--board, --dictionary, " if charuco else "--board, "
@@ -48,7 +59,8 @@ def _chessboards(images: Sequence[np.ndarray]) -> Counter[tuple[int, int]]:
     """Numbers of inner corners (columns, rows) of the largest chessboard in each image that has one."""
     shapes = Counter[tuple[int, int]]()
     for image in images:
-        for grey in (image, 255 - image):
+        half = cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+        for grey in (half, 255 - half):
             detected, _, meta = cv2.findChessboardCornersSBWithMeta(
                 grey, (3, 3), cv2.CALIB_CB_LARGER
             )

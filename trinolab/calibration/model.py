@@ -30,7 +30,7 @@ class State(NamedTuple):
     Attributes
     ----------
     lenses : ndarray, shape (cameras, 4 + m)
-        fx, fy, cx, cy (px) and the first m of k1, k2, p1, p2, k3; the others are zero.
+        fx, fy, cx, cy (px) and the first m of k1, k2, p1, p2, k3, k4, k5, k6; the others are zero.
     T_world_cam : ndarray, shape (cameras, 4, 4)
     T_world_target : ndarray, shape (views, 4, 4)
         Matrices: SciPy's motions check themselves at every step.

@@ -20,14 +20,14 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import block_diag, null_space
 
-from ..camera import CAMERA_PARAMETERS, Rig
+from ..camera import Rig
 from ..checks import Array, frozen
 from ..default_covariance import known_covariance, known_placement_mm
 from ..handle import Handle
 from ..rigid import cross_matrices
 from ..sensitivity import students_factor
 
-POSE = slice(9, 15)  # of a camera's parameters those of its place and direction
+POSE = 6  # of a camera's parameters, the last ones: its place and direction
 _ROUNDING = 1e-12
 
 
@@ -84,16 +84,17 @@ def _held_by_first(rig: Rig, covariance: Array) -> Array:
     """The covariance of a rig in the world that its first camera holds: what that camera's place and
     direction are off by is a motion of the world, which the other cameras are off by instead.
     """
-    n = len(CAMERA_PARAMETERS)
+    n = len(rig.parameters)
+    of_first = slice(n - POSE, n)
     change = np.eye(len(covariance))
     first = rig.cameras[0].T_cam_world.rotation
     for c, camera in enumerate(rig.cameras):
         turn = (camera.T_cam_world.rotation * first.inv()).as_matrix()
-        pose = slice(n * c + POSE.start, n * c + POSE.stop)
-        change[pose, POSE] -= block_diag(turn, turn)
+        pose = slice(n * (c + 1) - POSE, n * (c + 1))
+        change[pose, of_first] -= block_diag(turn, turn)
     held = change @ covariance @ change.T
-    held[POSE] = 0.0
-    held[:, POSE] = 0.0
+    held[of_first] = 0.0
+    held[:, of_first] = 0.0
     return (held + held.T) / 2
 
 

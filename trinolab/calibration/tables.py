@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from scipy.spatial.transform import RigidTransform
 
-from ..camera import Camera
+from ..camera import Camera, as_distortions
 from ..checks import Array, as_whole, frozen
 from ..files import limits
 from ..files.inputs import get, read_csv, read_toml
@@ -48,7 +48,11 @@ CALISCOPE_CAMERAS, ANIPOSE_CAMERAS = "camera_array.toml", "calibration.toml"
 
 
 def read_corners(
-    path: str | Path, target: Target, most: int = 50, size: Sequence[int] | None = None
+    path: str | Path,
+    target: Target,
+    most: int = 50,
+    size: Sequence[int] | None = None,
+    late: Mapping[str, int] | None = None,
 ) -> TargetViews:
     """Read a target's points from a table of another program.
 
@@ -65,6 +69,8 @@ def read_corners(
     size : (int, int), optional
         Width and height of the images of all cameras. Without it ``camera_array.toml``
         (caliscope) or ``calibration.toml`` (Anipose) beside the table says it.
+    late : mapping of str to int, optional
+        By how many frames a camera began later than the first one.
 
     Raises
     ------
@@ -89,13 +95,16 @@ def read_corners(
         raise ValueError(
             f"{path}: expected points of two or more cameras, at most {MOST_CAMERAS}, got {len(cameras)}"
         )
+    sizes = _sizes(beside, [f"cam_{k}" for k in cameras], size)
+    if late:
+        frame = table["frame"] + np.array([late.get(name, 0) for name in sizes])[c]
+        table = table.assign(frame=frame, view=frame.astype(int))
     every = np.unique(table["view"])
     views = every[:: -(-len(every) // most)]
     taken = np.isin(table["view"], views)
     v = np.searchsorted(views, table["view"][taken])
     uv = np.full((len(cameras), len(views), len(target.points), 2), np.nan)
     uv[c[taken], v, table["point"][taken]] = table[["u", "v"]][taken]
-    sizes = _sizes(beside, [f"cam_{k}" for k in cameras], size)
     times, unit = _times(table, views)
     nothing = frozen(np.zeros(uv.shape[:2], bool))
     return TargetViews(
@@ -318,6 +327,7 @@ def _lens(table: Mapping[str, Any], name: str, where: str) -> Camera:
     try:
         size, matrix, distortions = fields
         padded = [*distortions, *[0.0] * (5 - len(distortions))]
-        return Camera(name, size, matrix, np.array(padded, float), RigidTransform.identity())
+        lens = as_distortions(np.array(padded, float))
+        return Camera(name, size, matrix, lens, RigidTransform.identity())
     except (TypeError, ValueError) as error:
         raise ValueError(f"{where}: {error}") from None

@@ -1,5 +1,5 @@
-"""Calibration targets and how they are found in an image: chessboards, grids of circles, ChArUco
-boards (Sect. 6.2).
+"""Calibration targets and how they are found in an image: chessboards, symmetric and asymmetric grids of
+circles, ChArUco boards (Sect. 6.2).
 
 The target's frame: origin at its first point, x along a row of points, y along a column, z away
 from a viewer who sees x point right and y down. The detectors are OpenCV's.
@@ -21,7 +21,12 @@ from ..checks import Array, as_image, as_number, as_whole, frozen
 _FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH + cv2.CALIB_CB_NORMALIZE_IMAGE
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 100, 1e-4)  # of the sub-pixel search: px
 # of each kind of target what its columns and rows count
-COUNTED = {"chessboard": "inner corners", "circles": "circles", "charuco": "squares"}
+COUNTED = {
+    "chessboard": "inner corners",
+    "circles": "circles",
+    "acircles": "circles",
+    "charuco": "squares",
+}
 KINDS = tuple(COUNTED)
 _MOST_POINTS = 200  # along a side of a target
 _LEAST_PX = 3  # along a side of an image, for a point of the target
@@ -29,6 +34,8 @@ _MARKER_SHARE = 0.75  # of a square's side, where nothing else is said
 _DICTIONARY = "4X4_50"
 # of a ChArUco board: with fewer, markers may have been read into any pattern
 _ENOUGH = 6
+# of the distance of neighbours, by which a point may lie off the middle of those beside it
+_UNEVEN = 0.4
 
 
 @dataclass(frozen=True)
@@ -136,17 +143,21 @@ class Target:
 
     Attributes
     ----------
-    kind : {"chessboard", "circles", "charuco"}
-        Circles are in rows one below the other. Each may be printed in light on dark as well.
+    kind : {"chessboard", "circles", "acircles", "charuco"}
+        Circles are in rows one below the other; asymmetric ones have every second row shifted by half of
+        the distance in a row. Each may be printed in light on dark as well.
     columns, rows : int
         As OpenCV counts: **inner corners** of a chessboard, **circles** of a grid, both from 3;
         **squares** of a ChArUco board, from 4.
     square_mm : float
-        Side of a square, or distance of the centres of neighbouring circles.
+        Side of a square, or distance of the centres of neighbouring circles; of asymmetric ones the
+        distance of two rows, half of that in a row.
     marker_mm : float, optional
         Side of a ChArUco board's markers; three quarters of a square without it.
     dictionary : str, optional
         Of a ChArUco board's markers, an OpenCV name, with or without ``DICT_``; 4X4_50 without it.
+    first_marker : int
+        Number of a ChArUco board's first marker.
 
     Raises
     ------
@@ -160,17 +171,25 @@ class Target:
     square_mm: float
     marker_mm: float | None = None
     dictionary: str | None = None
+    first_marker: int = 0
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise ValueError(f"board: expected one of {', '.join(KINDS)}, got {self.kind!r}")
         for name in ("columns", "rows"):
             as_whole(getattr(self, name), name, 3 + (self.kind == "charuco"), _MOST_POINTS)
+        if self.kind == "acircles" and self.rows % 2 == 0:
+            raise ValueError(
+                f"rows: expected an odd number, got {self.rows}: asymmetric circles in even rows look the "
+                "same when they are turned, and are not found in order"
+            )
         square = as_number(self.square_mm, "square_mm", 0.0, 1e6, open_low=True)
         if self.kind == "charuco":
             self._check_markers(square)
-        elif self.marker_mm is not None or self.dictionary is not None:
-            name = "dictionary" if self.marker_mm is None else "marker_mm"
+        elif given := [
+            name for name in ("marker_mm", "dictionary", "first_marker") if getattr(self, name)
+        ]:
+            name = given[0]
             raise ValueError(
                 f"{name}: a {self.kind} target has no markers; expected it with charuco only"
             )
@@ -185,9 +204,12 @@ class Target:
                 f"dictionary: expected a name such as {_DICTIONARY} or 5X5_250, got {name!r}"
             )
         available = len(dictionary_of(name).bytesList)
-        needed = self.columns * self.rows // 2
-        if needed > available:
-            raise ValueError(f"dictionary: {name} has {available} markers, the board has {needed}")
+        as_whole(self.first_marker, "first_marker", 0)
+        if self.markers[-1] >= available:
+            after = f" from {self.first_marker} on" if self.first_marker else ""
+            raise ValueError(
+                f"dictionary: {name} has {available} markers, the board has {len(self.markers)}{after}"
+            )
 
     @property
     def side_of_marker(self) -> float:
@@ -200,6 +222,11 @@ class Target:
         return (self.dictionary or _DICTIONARY).removeprefix("DICT_")
 
     @property
+    def markers(self) -> range:
+        """The numbers of a ChArUco board's markers."""
+        return range(self.first_marker, self.first_marker + self.columns * self.rows // 2)
+
+    @property
     def board(self) -> Board:
         """The points as the inner corners of a chessboard, which for a grid of circles need not be
         one.
@@ -210,7 +237,10 @@ class Target:
     @cached_property
     def points(self) -> Array:
         """Corners or centres, row by row, shape (n, 3), mm, target frame; z = 0."""
-        return self.board.points
+        if self.kind != "acircles":
+            return self.board.points
+        y, x = np.divmod(np.arange(self.rows * self.columns), self.columns)
+        return frozen(np.column_stack([2 * x + y % 2, y, np.zeros(len(x))]) * self.square_mm)
 
     @property
     def two_ways(self) -> bool:
@@ -220,6 +250,13 @@ class Target:
         return self.kind == "circles" or (
             self.kind == "chessboard" and (self.columns - self.rows) % 2 == 0
         )
+
+    @property
+    def turns(self) -> tuple[int, ...]:
+        """The quarters of a turn after which the target looks the same."""
+        if not self.two_ways:
+            return (0,)
+        return (0, 1, 2, 3) if self.columns == self.rows else (0, 2)
 
     def __str__(self) -> str:
         return f"{self.kind}, {self.columns} x {self.rows} {COUNTED[self.kind]}"
@@ -242,12 +279,13 @@ class Appearance(NamedTuple):
 
 
 class Detection(NamedTuple):
-    """A target in an image: its points, shape (n, 2), px, NaN for those that are not found, and its
-    appearance.
+    """A target in an image: its points, shape (n, 2), px, NaN for those that are not found, its
+    appearance, and the numbers of the markers that are seen.
     """
 
     uv: Array
     appearance: Appearance
+    markers: tuple[int, ...] = ()
 
 
 def appearances(target: Target) -> tuple[Appearance, ...]:
@@ -264,7 +302,7 @@ def find_target(image: ArrayLike, target: Target) -> Array:
     """Find a target's points in an image, to sub-pixel accuracy.
 
     Where the target could be counted in two ways, its rows are taken to run to the right in the
-    image: cameras that look at such a target must be upright, all within 45 deg. Boards in light on
+    image: `mirrors.upright` counts them as several cameras agree. Boards in light on
     dark, and ChArUco boards as in a mirror, are found as well.
 
     Parameters
@@ -311,13 +349,15 @@ def detect_target(image: ArrayLike, target: Target, tried: Sequence[Appearance])
         return best
     most = 0
     for appearance in tried:
-        uv = _points_of(grey, target, appearance)
+        uv, markers = _points_of(grey, target, appearance)
         count = int(np.isfinite(uv).all(axis=1).sum())
         if count > most:
             most = count
             best = Detection(
-                frozen(upright_corners(uv, target) if target.two_ways else uv), appearance
+                frozen(upright_corners(uv, target) if target.two_ways else uv), appearance, markers
             )
+        elif not most and len(markers) > len(best.markers):
+            best = best._replace(markers=markers)
         if count >= _ENOUGH:
             break
     return best
@@ -331,39 +371,65 @@ def as_usual(grey: np.ndarray, appearance: Appearance) -> np.ndarray:
     return np.ascontiguousarray(dark[:, ::-1]) if appearance.mirrored else dark
 
 
-def _points_of(grey: np.ndarray, target: Target, appearance: Appearance) -> Array:
-    """The points (n, 2) of a target that looks like that, NaN for what was not found."""
+def _points_of(
+    grey: np.ndarray, target: Target, appearance: Appearance
+) -> tuple[Array, tuple[int, ...]]:
+    """The points (n, 2) of a target that looks like that, NaN for what was not found, and the numbers of
+    the markers that are seen.
+    """
     usual = as_usual(grey, appearance)
+    if target.kind == "charuco":
+        uv, markers = _charuco(usual, target)
+        if appearance.mirrored:
+            uv[:, 0] = grey.shape[1] - 1 - uv[:, 0]
+        return uv, markers
     if target.kind == "chessboard":
         uv = find_corners(usual, target.board, None)
         # OpenCV counts from the corner at which a square of one colour is: here of the other one
-        return uv[::-1] if appearance.inverted else uv
-    uv = _charuco(usual, target) if target.kind == "charuco" else _circles(usual, target)
-    if appearance.mirrored:
-        uv[:, 0] = grey.shape[1] - 1 - uv[:, 0]
-    return uv
+        uv = uv[::-1] if appearance.inverted else uv
+    else:
+        uv = _circles(usual, target)
+    return (uv if _is_grid(uv, target) else np.full(uv.shape, np.nan)), ()
+
+
+def _is_grid(uv: Array, target: Target) -> bool:
+    """Whether each point (n, 2) lies near the middle of its neighbours along a line of the target, as in
+    any view of one, and not as in what OpenCV makes of other circles and corners.
+    """
+    grid = uv.reshape(target.rows, target.columns, 2)
+    lines = [grid, grid.transpose(1, 0, 2)]
+    if target.kind == "acircles":  # where every second row stands below another
+        lines = [grid, grid[::2].transpose(1, 0, 2), grid[1::2].transpose(1, 0, 2)]
+    for line in lines:
+        off = np.linalg.norm(line[:, 2:] - 2 * line[:, 1:-1] + line[:, :-2], axis=2) / 2
+        across = np.linalg.norm(line[:, 2:] - line[:, :-2], axis=2) / 2
+        if not (off <= _UNEVEN * across).all():
+            return False
+    return True
 
 
 def _circles(grey: np.ndarray, target: Target) -> Array:
     """Centres of a grid of circles, (n, 2). A centre is its blob's, off the circle's own by the
     perspective.
     """
-    for flags in (
-        cv2.CALIB_CB_SYMMETRIC_GRID,
-        cv2.CALIB_CB_SYMMETRIC_GRID + cv2.CALIB_CB_CLUSTERING,
-    ):
+    grid = (
+        cv2.CALIB_CB_ASYMMETRIC_GRID if target.kind == "acircles" else cv2.CALIB_CB_SYMMETRIC_GRID
+    )
+    for flags in (grid, grid + cv2.CALIB_CB_CLUSTERING):
         detected, centres = cv2.findCirclesGrid(grey, (target.columns, target.rows), flags=flags)
         if detected:
             return np.asarray(centres, float).reshape(-1, 2)
     return np.full((len(target.points), 2), np.nan)
 
 
-def _charuco(grey: np.ndarray, target: Target) -> Array:
-    """Corners of a ChArUco board, (n, 2), NaN for those whose markers are not seen."""
+def _charuco(grey: np.ndarray, target: Target) -> tuple[Array, tuple[int, ...]]:
+    """Corners of a ChArUco board, (n, 2), NaN for those whose markers are not seen, and the markers."""
     uv = np.full((len(target.points), 2), np.nan)
+    markers: tuple[int, ...] = ()
     # with even rows OpenCV before 4.6 drew another board
     for old in (False, True)[: 1 + (target.rows % 2 == 0)]:
-        corners, ids, *_ = _detector(target, old).detectBoard(grey)
+        corners, ids, _, seen = _detector(target, old).detectBoard(grey)
+        markers = () if seen is None else tuple(int(number) for number in np.ravel(seen))
         if ids is not None and len(ids):
             uv[np.ravel(ids)] = np.reshape(corners, (-1, 2))
             detected = np.isfinite(uv).all(axis=1)
@@ -373,7 +439,7 @@ def _charuco(grey: np.ndarray, target: Target) -> Array:
                 half_window(uv.reshape(target.rows - 1, -1, 2), _free_share(target)),
             )
             break
-    return uv
+    return uv, markers
 
 
 def _free_share(target: Target) -> float:
@@ -390,8 +456,7 @@ def upright_corners(uv: Array, target: Target) -> Array:
     down = grid[-1].mean(axis=0) - grid[0].mean(axis=0)
     if along[0] * down[1] < along[1] * down[0]:
         grid = grid[:, ::-1]  # counted as in a mirror
-    turns = range(4) if target.columns == target.rows else (0, 2)
-    ways = [np.rot90(grid, k) for k in turns]
+    ways = [np.rot90(grid, k) for k in target.turns]
     return max(ways, key=lambda way: float((way[:, -1] - way[:, 0])[:, 0].sum())).reshape(-1, 2)
 
 
@@ -407,6 +472,7 @@ def _detector(target: Target, old: bool) -> cv2.aruco.CharucoDetector:
         target.square_mm,
         target.side_of_marker,
         dictionary_of(target.family),
+        np.array(target.markers),
     )
     board.setLegacyPattern(old)
     return cv2.aruco.CharucoDetector(board)

@@ -4,8 +4,10 @@ found in them.
 
 from __future__ import annotations
 
+import logging
+import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,8 +28,11 @@ MOST_SHOWING = 5  # of all images with it
 # Views by which light on dark leads dark on light, or is behind it, when only the leader is looked for:
 # a target is printed in one way.
 SURE = 5
+LEAST_PAIRED = 0.5  # share of a camera's views, below which a warning says so
 # grey levels between those percentiles of an image of 16 bit, of which fewer are stretched
 FEW_LEVELS, EXTREMES = 128, (0.1, 99.9)
+
+log = logging.getLogger("trinolab")
 
 
 class TargetViews(NamedTuple):
@@ -50,6 +55,8 @@ class TargetViews(NamedTuple):
         Whether the target was found in light on dark, and as in a mirror, see `target.Appearance`.
     showing : tuple of ndarray
         A few images in which it was found.
+    markers : tuple of tuple of int
+        Numbers of the ChArUco board's markers, or of others, in each image.
     unseen : int
         Images that were not looked at, because none of those looked at first shows the target.
     times : ndarray, shape (views,), or None
@@ -67,6 +74,7 @@ class TargetViews(NamedTuple):
     inverted: np.ndarray
     mirrored: np.ndarray
     showing: tuple[np.ndarray, ...] = ()
+    markers: tuple[tuple[int, ...], ...] = ()
     unseen: int = 0
     times: Array | None = None
     time_unit: str = "frames"
@@ -81,14 +89,19 @@ class _Source(NamedTuple):
 
 
 def read_views(
-    sources: Mapping[str, str | Path], target: Target, most: int = 50, progress: bool = True
+    sources: Mapping[str, str | Path],
+    target: Target,
+    most: int = 50,
+    progress: bool = True,
+    late: Mapping[str, int] | None = None,
 ) -> TargetViews:
     """Look for a target in the images or the video of each camera.
 
-    Views of folders are paired by their files' names, of patterns by what the ``*`` stands for, of
-    videos by the frames' numbers; a view may be missing in a camera. Of more than `most` views some
-    are passed over, evenly. Of more than three times `FIRST` images that many are looked at first, spread
-    evenly over cameras and views; the others only if one of these shows the target.
+    Views of folders are paired by their files' names, of patterns by what the ``*`` stands for, or by the
+    numbers in them where these pair more, of videos by the frames' numbers; a view may be missing in a
+    camera. Of more than `most` views some are passed over, evenly. Of more than three times `FIRST`
+    images that many are looked at first, spread evenly over cameras and views; the others only if one of
+    these shows the target.
 
     Parameters
     ----------
@@ -100,6 +113,8 @@ def read_views(
         Views to look at.
     progress : bool
         Show a progress bar on standard error, if that is a terminal.
+    late : mapping of str to int, optional
+        By how many frames a camera's video began later than the first one's.
 
     Raises
     ------
@@ -114,20 +129,20 @@ def read_views(
     if "metadata" in sources:
         raise ValueError("images: a camera cannot be called metadata in a rig file")
     most = as_whole(most, "views", low=3)
-    opened = {name: _open(path) for name, path in sources.items()}
+    opened = {name: _open(path, (late or {}).get(name, 0)) for name, path in sources.items()}
     if len({one.files is None for one in opened.values()}) > 1:
         raise ValueError(
             "images: expected images or videos of all cameras, got both; views could not be paired"
         )
-    every = max(opened.values(), key=lambda one: len(one.labels)).labels
-    if any(one.files for one in opened.values()):
-        every = sorted({label for one in opened.values() for label in one.labels})
+    filmed = all(one.files is None for one in opened.values())
+    if not filmed:
+        opened = _paired(opened)
+    every = sorted(
+        {label for one in opened.values() for label in one.labels}, key=int if filmed else None
+    )
     chosen = every[:: -(-len(every) // most)]
     has_view = np.array([[label in set(one.labels) for label in chosen] for one in opened.values()])
-    check_connected(
-        tuple(opened), has_view, "no view in common", f", whose views are called {some(every)}"
-    )
-    filmed = all(one.files is None for one in opened.values())
+    check_connected(tuple(opened), has_view, "no view in common", _called(opened))
     return _found(opened, chosen, target, progress)._replace(
         passed_over=len(every) - len(chosen),
         times=frozen(np.array(chosen, float)) if filmed else None,
@@ -148,7 +163,7 @@ def check_connected(cameras: tuple[str, ...], seen: np.ndarray, what: str, hint:
         raise ValueError(f"{alone[0]}: {what} with {others}{hint}")
 
 
-def _open(path: str | Path) -> _Source:
+def _open(path: str | Path, late: int = 0) -> _Source:
     pattern = Path(path)
     if "*" in pattern.name and not pattern.exists():
         return _matching(pattern)
@@ -158,7 +173,66 @@ def _open(path: str | Path) -> _Source:
     count = footage.length or sum(1 for _ in frames_of(footage))  # a header may say nothing
     if not count:
         raise ValueError(f"{path}: a video without a frame")
-    return _Source(footage, None, [_frame_name(k) for k in range(count)])
+    return _Source(footage, None, [_frame_name(k) for k in range(late, late + count)])
+
+
+def _paired(opened: dict[str, _Source]) -> dict[str, _Source]:
+    """Images under names that pair them: their own, or the first camera's that has the same numbers where
+    that pairs more. A warning where few pair.
+    """
+    numbers = {name: _by_number(one.labels) for name, one in opened.items()}
+    names = dict[tuple[int | str, ...], str]()
+    for of in numbers.values():
+        names = {key: label for label, key in of.items()} | names
+    renamed = {
+        name: {names[numbers[name][label]]: file for label, file in (one.files or {}).items()}
+        for name, one in opened.items()
+        if numbers[name]
+    }
+    whole = all(len(renamed.get(name, ())) == len(one.labels) for name, one in opened.items())
+    if whole and _pairs(renamed) > _pairs({name: one.labels for name, one in opened.items()}):
+        opened = {
+            name: one._replace(files=renamed[name], labels=list(renamed[name]))
+            for name, one in opened.items()
+        }
+    fewest = min(len(one.labels) for one in opened.values())
+    pairs = _pairs({name: one.labels for name, one in opened.items()})
+    if 0 < pairs < LEAST_PAIRED * fewest:
+        log.warning("images: only %d views are in more than one camera%s", pairs, _called(opened))
+    return opened
+
+
+def _called(opened: Mapping[str, _Source]) -> str:
+    """A clause about the names of each camera's views, and the way to pair others."""
+    names = "; ".join(f"{some(one.labels)} of {name}" for name, one in opened.items())
+    return f", whose views are called {names}; a pattern such as 'left/img*.png' says by what they pair"
+
+
+def _pairs(labels: Mapping[str, Iterable[str]]) -> int:
+    """The number of views that two or more cameras have."""
+    counts = Counter(label for of in labels.values() for label in set(of))
+    return sum(count > 1 for count in counts.values())
+
+
+def _by_number(labels: Sequence[str]) -> dict[str, tuple[int | str, ...]]:
+    """Names of a camera's images with those of their numbers that differ from image to image, or the name
+    itself without its ending where there is no number; empty where these are not different.
+    """
+    stems = [Path(label).stem if is_image(Path(label)) else label for label in labels]
+    digits = [re.findall(r"\d+", stem) for stem in stems]
+    if len({len(of) for of in digits}) > 1:
+        digits = [of[-1:] for of in digits]
+    if len({len(of) for of in digits}) > 1:
+        return {}
+    differ = [len(set(map(int, column))) > 1 for column in zip(*digits, strict=True)]
+    keys: list[tuple[int | str, ...]] = [
+        tuple(
+            int(one) for one, differs in zip(of, differ, strict=True) if differs or len(labels) == 1
+        )
+        or (stem.casefold(),)
+        for of, stem in zip(digits, stems, strict=True)
+    ]
+    return dict(zip(labels, keys, strict=True)) if len(set(keys)) == len(keys) else {}
 
 
 def _matching(pattern: Path) -> _Source:
@@ -221,6 +295,7 @@ def _detected(
     present, inverted, mirrored = (np.zeros(shape, bool) for _ in range(3))
     sizes = list[tuple[int, int]]()
     showing = list[np.ndarray]()
+    markers = list[tuple[int, ...]]()
     reported: set[str] = set()
     by_all = Counter[Appearance]()
     count = sum(map(len, wanted.values()))
@@ -238,7 +313,8 @@ def _detected(
                 if (name, label) not in known:
                     tried = _likeliest(target, by_camera, by_all)
                     known[name, label] = detect_target(grey, target, tried)
-                uv[k, v], appearance = known[name, label]
+                uv[k, v], appearance, numbers = known[name, label]
+                markers.append(numbers)
                 present[k, v] = True
                 bar.update()
                 if np.isfinite(uv[k, v]).any():
@@ -260,6 +336,7 @@ def _detected(
         frozen(inverted),
         frozen(mirrored),
         tuple(showing),
+        tuple(markers),
     )
 
 
@@ -315,7 +392,7 @@ def _images(
         frames = [k for k, label in enumerate(source.labels) if label in set(wanted)]
         images = frames_of(source.footage, said=said, wanted=frames)
         for k, image in zip(frames, images, strict=False):  # a header may promise too many
-            yield _frame_name(k), image, source.footage.path
+            yield source.labels[k], image, source.footage.path
         return
     paths = [source.footage.path / source.files[label] for label in wanted]
     yield from zip(wanted, read_greys(paths, said=said), paths, strict=True)

@@ -19,7 +19,7 @@ import numpy as np
 import tomli_w
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from ..camera import CAMERA_PARAMETERS, Camera, Rig, RigCovariance, plumb_bob
+from ..camera import Camera, Rig, RigCovariance, as_distortions
 from ..checks import Array, as_array, as_number
 from ..handle import Handle
 from . import limits
@@ -40,7 +40,7 @@ def read_rig(path: str | Path) -> Rig:
     program that `foreign` turns into it.
 
     Tables without fields of a camera are left out. A camera has `name`, `size`, `matrix`, `distortions`
-    (4 or 5, further ones only if they are zero), `rotation` (Rodrigues vector) and `translation`
+    (4, 5 or 8, further ones only if they are zero), `rotation` (Rodrigues vector) and `translation`
     (mm), both world to camera. A covariance file beside it (`covariance_path`) is read as well. Of
     ``metadata`` two numbers count: ``exact = true`` for cameras that are known exactly, and
     ``error``, the reprojection error of the calibration, px, as Anipose writes it.
@@ -89,7 +89,7 @@ def read_covariance(path: str | Path, rig: Rig) -> RigCovariance:
     """Read the covariance file of a rig (TOML).
 
     It has `format` (``trinolab rig covariance 1``), `cameras` (their names in the order of the
-    rig), `parameters` and `units` of a camera (those of `camera.CAMERA_PARAMETERS`), and `matrix`,
+    rig), `parameters` and `units` of a camera (those of `camera.Rig.parameters`), and `matrix`,
     as `camera.RigCovariance` explains it; `freedom` only where that is finite.
 
     Raises
@@ -100,7 +100,7 @@ def read_covariance(path: str | Path, rig: Rig) -> RigCovariance:
     """
     with _named(path):
         table = read_toml(path, limits.COVARIANCE_BYTES)
-        names, units = (list(part) for part in zip(*CAMERA_PARAMETERS, strict=True))
+        names, units = (list(part) for part in zip(*rig.parameters, strict=True))
         expected = {
             "format": COVARIANCE_FORMAT,
             "cameras": list(rig.names),
@@ -198,7 +198,7 @@ def rig_text(rig: Rig) -> str:
 
 def covariance_text(covariance: RigCovariance) -> str:
     """The text of a rig's covariance file."""
-    names, units = (list(part) for part in zip(*CAMERA_PARAMETERS, strict=True))
+    names, units = (list(part) for part in zip(*covariance.parameters, strict=True))
     table: dict[str, Any] = {
         "format": COVARIANCE_FORMAT,
         "cameras": list(covariance.names),
@@ -262,7 +262,7 @@ def _camera_from(table: dict[str, Any], where: str) -> Camera:
         key: get(table, key, where) for key in ("name", "size", "matrix", "rotation", "translation")
     }
     try:
-        lens = plumb_bob(as_array(table.get("distortions", ()), "distortions", (None,)))
+        lens = as_distortions(as_array(table.get("distortions", ()), "distortions", (None,)))
         rotvec = np.array(as_array(fields["rotation"], "rotation", (3,)))  # SciPy wants it writable
         as_number(np.abs(rotvec).max(), "rotation: the largest", high=1e6)
         rotation = Rotation.from_rotvec(rotvec)

@@ -30,7 +30,7 @@ from scipy.linalg import block_diag, solve_triangular
 from scipy.spatial.transform import RigidTransform
 from scipy.special import ndtr
 
-from ..camera import CAMERA_PARAMETERS, Rig, RigCovariance, difference, displaced
+from ..camera import Rig, RigCovariance, difference, displaced
 from ..checks import Array
 from ..default_covariance import PLACEMENT_MM, default_covariance, known_covariance
 from ..handle import Handle
@@ -285,7 +285,7 @@ def assess(
 def _difference(rig: Rig, start: Rig) -> Array:
     """`camera.difference` as one vector."""
     return (
-        np.zeros(len(CAMERA_PARAMETERS) * len(rig.cameras))
+        np.zeros(len(rig.parameters) * len(rig.cameras))
         if rig is start
         else difference(rig, start).ravel()
     )

@@ -8,7 +8,7 @@ down, z forward, as ours; a pixel's centre is where ours is. A bag that is writt
 topic                     message                                    what
 ========================  =========================================  ==============================
 ``/CAMERA/image``         ``sensor_msgs/msg/CompressedImage``        the frame, PNG, 8 bit grey
-``/CAMERA/camera_info``   ``sensor_msgs/msg/CameraInfo``             matrix and ``plumb_bob`` lens
+``/CAMERA/camera_info``   ``sensor_msgs/msg/CameraInfo``             matrix and lens
 ``/tf_static``            ``tf2_msgs/msg/TFMessage``                 ``world`` to each camera
 ``/handle_description``   ``std_msgs/msg/String``                    the handle file
 ``/handle_pose``          ``geometry_msgs/msg/``                     T_world_handle, without lost
@@ -41,7 +41,7 @@ import pandas as pd
 from scipy.spatial.transform import RigidTransform, Rotation
 from tqdm import tqdm
 
-from trinolab.camera import Camera, Rig, plumb_bob
+from trinolab.camera import Camera, Rig, as_distortions
 from trinolab.files import recording_writer
 from trinolab.files.images import decoded
 from trinolab.files.inputs import read_csv
@@ -59,6 +59,7 @@ log = logging.getLogger("trinolab")
 WORLD, HANDLE = "world", "handle"
 MM = 1e-3  # of a metre
 LATEST_S = 2**31  # what a stamp can say
+LENS_MODELS = ("plumb_bob", "rational_polynomial")  # of 5 and of 8 distortions
 IMAGES = ("sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image")
 # how others encode images: bytes of a pixel, and how OpenCV makes it grey, or blue, green and red
 ENCODINGS = {
@@ -348,7 +349,7 @@ def _camera_info(camera: Camera, ros: Any) -> Any:
         header=_header(0, camera.name, ros),
         height=height,
         width=width,
-        distortion_model="plumb_bob",
+        distortion_model=LENS_MODELS[len(camera.distortions) > 5],
         d=np.array(camera.distortions),
         k=K.ravel(),
         r=np.eye(3).ravel(),
@@ -421,12 +422,13 @@ def _rig_of(reader: Any, bag: str | Path, ros: Any) -> Rig:
                 f"{bag}: {topic}: /tf_static does not say where {info.header.frame_id!r} stands; "
                 "give a rig file"
             )
-        if info.distortion_model not in ("plumb_bob", ""):
+        if info.distortion_model not in (*LENS_MODELS, ""):
             raise ValueError(
-                f"{bag}: {topic}: expected the lens model plumb_bob, got {info.distortion_model!r}"
+                f"{bag}: {topic}: expected the lens model {' or '.join(LENS_MODELS)}, got "
+                f"{info.distortion_model!r}"
             )
         try:
-            lens = plumb_bob(np.asarray(info.d))
+            lens = as_distortions(np.asarray(info.d))
         except ValueError as error:
             raise ValueError(f"{bag}: {topic}: {error}") from None
         cameras.append(

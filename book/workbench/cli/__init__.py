@@ -222,7 +222,7 @@ def _calibrate(a: argparse.Namespace) -> int:
     from trinolab.calibration.target import Target
 
     sources = a.corners or _named(a.images, "--images")
-    target = Target(a.board, a.columns, a.rows, a.square, a.marker, a.dictionary)
+    target = Target(a.board, a.columns, a.rows, a.square, a.marker, a.dictionary, a.first_marker)
     with _loading():
         from trinolab.calibration.calibrate import as_lines, calibrate_rig
 
@@ -247,6 +247,8 @@ def _calibrate(a: argparse.Namespace) -> int:
             [*as_lines(result), "", f"written: {', '.join(str(path) for path in result.files)}"]
         )
     )
+    for line in result.warnings:
+        log.warning(line)
     return 0
 
 

@@ -285,19 +285,29 @@ COMMANDS = (
             ),
             option(
                 "--board",
-                "the target, dark on light or light on dark; circles are a symmetric grid",
-                choices=["chessboard", "circles", "charuco"],
+                "the target, dark on light or light on dark; circles are a symmetric grid, acircles an "
+                "asymmetric one",
+                choices=["chessboard", "circles", "acircles", "charuco"],
             ),
             option(
                 "--columns N",
                 "points in a row: inner corners of a chessboard, circles, but squares of a charuco board",
             ),
             option("--rows N", "rows, counted in the same way"),
-            option("--square MM", "side of a square, or distance of neighbouring circles, mm"),
+            option(
+                "--square MM",
+                "side of a square, or distance of neighbouring circles, mm; of acircles the distance of two "
+                "rows",
+            ),
             option(
                 "--marker MM", "side of a charuco board's markers, mm (default: 0.75 of a square)"
             ),
             option("--dictionary NAME", "of a charuco board's markers (default: 4X4_50)"),
+            option(
+                "--first-marker N",
+                "number of a charuco board's first marker (default: %(default)s)",
+                default=0,
+            ),
             option(
                 "--out RIG.toml",
                 "the rig to write; RIG.covariance.toml (how well it is known), RIG_views.csv and "
@@ -310,10 +320,10 @@ COMMANDS = (
             ),
             option(
                 "--distortions",
-                "how many of k1, k2, p1, p2, k3 are estimated (default: as many as views that are left "
-                "out speak for)",
+                "how many of k1, k2, p1, p2, k3, k4, k5, k6 are estimated (default: as many as views that "
+                "are left out speak for)",
                 type=int,
-                choices=[0, 1, 2, 4, 5],
+                choices=[0, 1, 2, 4, 5, 8],
             ),
             option(
                 "--lenses RIG.toml",

@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from trinolab.calibration.bundle import Q
-from trinolab.camera import CAMERA_PARAMETERS, difference
+from trinolab.camera import difference
 from trinolab.following.refine import Refined
 
 _MOST_VIEWS = 10  # that are printed; all of them are in the table
@@ -54,9 +53,9 @@ def _camera_lines(refined: Refined) -> list[str]:
     sigmas = np.sqrt(np.diag(bundle.covariance))[: changes.size].reshape(changes.shape)
     lines = []
     for camera, change, sigma in zip(bundle.rig.cameras, changes, sigmas, strict=True):
-        place = sigma[Q - 6 :].any()
+        place = sigma[-6:].any()
         lines += ["", camera.name + ("" if place else ", the world frame")]
-        for (name, unit), by, spread in zip(CAMERA_PARAMETERS, change, sigma, strict=True):
+        for (name, unit), by, spread in zip(camera.parameters, change, sigma, strict=True):
             if spread > 0:
                 factor = 180 / np.pi if unit == "rad" else 1.0
                 unit_text = {"rad": " / deg", "1": ""}.get(unit, f" / {unit}")

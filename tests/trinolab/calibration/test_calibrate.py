@@ -37,6 +37,7 @@ from workbench.studies.real_recordings import load_caliscope
 
 CHESSBOARD = Target("chessboard", 7, 6, 15.0)
 CIRCLES = Target("circles", 7, 6, 15.0)
+ACIRCLES = Target("acircles", 4, 9, 10.0)
 CHARUCO = Target("charuco", 6, 5, 20.0)
 FILES = ("rig.toml", "rig.covariance.toml", "rig_views.csv", "rig_residuals.png")
 
@@ -45,8 +46,8 @@ def pattern(target, scale=8, border=20.0):
     """A print of circles or ChArUco squares, and the matrix from its pixels to the target's mm;
     `scale` px a mm.
     """
-    if target.kind == "circles":
-        extent = target.points[-1, :2] + 2 * border
+    if target.kind.endswith("circles"):
+        extent = target.points[:, :2].max(axis=0) + 2 * border
         image = np.full((int(extent[1] * scale), int(extent[0] * scale)), 255, np.uint8)
         for x, y in target.points[:, :2]:  # 4 bits behind the point
             centre = np.rint(16 * (scale * (np.array([x, y]) + border) - 0.5)).astype(int)
@@ -193,7 +194,7 @@ def test_chessboards_give_the_truth_within_the_stated_uncertainty():
     np.testing.assert_array_equal(written.matrix, result.found.cameras[1].matrix)
 
 
-@pytest.mark.parametrize("target", [CIRCLES, CHARUCO], ids=str)
+@pytest.mark.parametrize("target", [CIRCLES, ACIRCLES, CHARUCO], ids=str)
 def test_printed_targets_give_the_truth(target, tmp_path, monkeypatch):
     rig, rng = make_rig(np.zeros(5)), np.random.default_rng(1)
     write_views(
@@ -205,7 +206,7 @@ def test_printed_targets_give_the_truth(target, tmp_path, monkeypatch):
     assert (result.views["status"] == "used").all()
     # a circle's blob has its centre off the circle's by up to 0.05 px here: more than its noise
     off = off_sigma(result, rig)
-    assert off.abs().max() < (10 if target.kind == "circles" else 4)
+    assert off.abs().max() < (4 if target is CHARUCO else 10)
     b = result.found.cameras[1]
     # along z it is worth 0.8 mm
     np.testing.assert_allclose(b.centre, rig.cameras[1].centre, rtol=0, atol=3.0)
@@ -506,6 +507,48 @@ def test_points_that_are_counted_as_in_a_mirror_are_turned_over():
         np.testing.assert_array_equal(upright_corners(counted, target), upright)
 
 
+@pytest.mark.parametrize(
+    ("shown", "sought"),
+    [
+        (ACIRCLES, ("circles", 4, 9)),
+        (ACIRCLES, ("circles", 9, 4)),
+        (ACIRCLES, ("chessboard", 4, 9)),
+        (CIRCLES, ("acircles", 4, 9)),
+        (CIRCLES, ("acircles", 6, 7)),
+        (CIRCLES, ("chessboard", 7, 6)),
+        (CHARUCO, ("circles", 4, 4)),
+        (CHARUCO, ("chessboard", 6, 5)),
+        (CHESSBOARD, ("circles", 5, 4)),
+        (CHESSBOARD, ("acircles", 4, 11)),
+    ],
+    ids=str,
+)
+def test_a_grid_that_is_not_there_is_not_found(shown, sought, frames):
+    target, rng = Target(*sought, 15.0), np.random.default_rng(1)
+    camera = make_rig(np.zeros(5)).cameras[0]
+    for k, T in enumerate(positions(6)):
+        image = frames[0][k] if shown is CHESSBOARD else printed(camera, shown, T, rng)
+        assert np.isnan(find_target(image, target)).all()
+
+
+def test_a_charuco_board_whose_markers_begin_at_another_number(tmp_path, monkeypatch):
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_100)
+    board = cv2.aruco.CharucoBoard((6, 5), 20.0, 15.0, dictionary, np.arange(17, 32))
+    image = cv2.copyMakeBorder(
+        board.generateImage((360, 300)), 30, 30, 30, 30, cv2.BORDER_CONSTANT, value=255
+    )
+    right = Target("charuco", 6, 5, 20.0, 15.0, "5X5_100", 17)
+    expected = right.points[:, :2] * 3 + 30 + 60 - 0.5  # 3 px a mm
+    np.testing.assert_allclose(find_target(image, right), expected, atol=0.1)
+    monkeypatch.chdir(tmp_path)
+    write_views(tmp_path, [[image] * 3] * 2)
+    with pytest.raises(
+        ValueError, match="markers 17 to 31 of 5X5_100 are seen, the board has 0 to 14"
+    ) as caught:
+        calibrated(replace(right, first_marker=0))
+    assert "--first-marker 17" in str(caught.value)
+
+
 def test_an_image_of_a_few_pixels_shows_no_target():
     for target in (CHESSBOARD, CIRCLES, CHARUCO):
         found = find_target(np.zeros((6, 6), np.uint8), target)
@@ -563,15 +606,21 @@ def test_an_old_charuco_board_is_found_as_well():
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
-        (("stars", 5, 5, 10.0), "board: expected one of chessboard, circles, charuco, got 'stars'"),
+        (
+            ("stars", 5, 5, 10.0),
+            "board: expected one of chessboard, circles, acircles, charuco, got 'stars'",
+        ),
         (("chessboard", 2, 5, 10.0), "columns: expected a number in [3"),
         (("charuco", 5, 3, 10.0), "rows: expected a number in [4"),
         (("circles", 5, 5.5, 10.0), "rows: expected a whole number"),
+        (("acircles", 4, 10, 10.0), "rows: expected an odd number, got 10"),
         (("circles", 5, 5, np.nan), "square_mm: expected"),
         (("charuco", 5, 5, 10.0, 10.0), "marker_mm: expected less than a square"),
         (("charuco", 5, 5, 10.0, 5.0, "7X7"), "dictionary: expected a name"),
         (("charuco", 12, 12, 10.0), "dictionary: 4X4_50 has 50 markers, the board has 72"),
+        (("charuco", 6, 5, 10.0, None, None, 36), "50 markers, the board has 15 from 36 on"),
         (("chessboard", 5, 5, 10.0, 5.0), "marker_mm: a chessboard"),
+        (("circles", 5, 5, 10.0, None, None, 3), "first_marker: a circles"),
     ],
 )
 def test_target_refuses(fields, message):
@@ -791,7 +840,7 @@ def test_real_corners_of_a_board_that_is_seen_in_part():
 
 def test_a_part_of_a_chessboard_is_said_to_be_one(folder):
     result = calibrated(Target("chessboard", 5, 4, 15.0))
-    (said,) = [note for note in result.notes if "are a part" in note]
+    (said,) = [note for note in result.warnings if "are a part" in note]
     assert said.startswith("a chessboard of 7 x 6 inner corners is in ")
     assert "likely --columns 7 --rows 6 is meant" in said
 

@@ -8,6 +8,7 @@ from boards import SIZE, make_rig, positions
 from scipy.optimize import least_squares
 from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab.calibration import distortions
 from trinolab.calibration.adjust import Calibrated, calibrate
 from trinolab.calibration.distortions import (
     Choice,
@@ -18,6 +19,7 @@ from trinolab.calibration.distortions import (
     spread_of_cameras,
 )
 from trinolab.calibration.target import Target
+from trinolab.camera import Camera
 from trinolab.datasets import real_set
 from trinolab.files.fetch import why_not
 from workbench.studies.real_recordings import load_opencv_stereo
@@ -64,6 +66,62 @@ def test_as_many_as_the_lens_has(lens, terms):
     ]
     expected = np.mean(squares, axis=0)
     np.testing.assert_allclose(more[:2] / variance[:2], expected / variance[:2], rtol=0, atol=1e-4)
+
+
+WIDE = {  # by how far off the axis their points lie, deg: focal length, px, reach of the target, mm
+    "five, to 47": ([-0.31, 0.11, 0, 0, -0.018], 640.0, (230, 160)),
+    # as of a fisheye
+    "rational, to 67": ([8.74, 3.67, 0, 0, 0.1084, 9.1, 6.62, 0.698], 380.0, (400, 300)),
+}
+
+
+def wide(lens, focal, reach, views, noise_px=0.1, seed=3):
+    """Cameras of a wide lens, and where they see the target all over their images."""
+    rng = np.random.default_rng(seed)
+    size = (960, 720)
+    cameras = [
+        Camera.look_at(name, size, focal, [x, 0, 0], [0, 0, 330], distortions=lens)
+        for name, x in zip(NAMES, (-60.0, 60.0), strict=True)
+    ]
+    board = Target("chessboard", 9, 6, 20.0)
+    points = np.array(board.points) - np.mean(board.points, axis=0)
+    uv = np.empty((2, views, len(points), 2))
+    for v in range(views):
+        R = Rotation.from_euler("xyz", rng.uniform(-1, 1, 3) * [35, 35, 12], degrees=True)
+        place = rng.uniform(-1, 1, 3) * [*reach, 60] + [0, 0, 330]
+        T = RigidTransform.from_components(place, R)
+        for c, camera in enumerate(cameras):
+            uv[c, v] = camera.project(T.apply(points))
+            uv[c, v, ~camera.sees(T.apply(points))] = np.nan
+    return board, cameras, uv + rng.normal(0, noise_px, uv.shape)
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize(("lens", "focal", "reach"), WIDE.values(), ids=WIDE)
+def test_a_wide_lens_is_described_by_the_models_that_can(lens, focal, reach):
+    board, cameras, uv = wide(lens, focal, reach, 20)
+    sizes = [camera.size for camera in cameras]
+    found, _, choice = calibrate_by_choice(board.points, uv, sizes, NAMES)
+    assert choice.terms == (5 if len(lens) == 5 else 8)
+    assert found.sigma_px == pytest.approx(0.1, rel=0.1)
+    truth = (cameras[1].T_cam_world * cameras[0].T_world_cam).inv()
+    off = found.cameras[1].centre - truth.translation
+    assert (np.abs(off) < 4 * np.sqrt(np.diag(found.relative_covariance(1))[:3])).all()
+    focal_off = found.cameras[0].focal - focal
+    assert (np.abs(focal_off) < 4 * found.intrinsic_sigma[0, :2]).all()
+
+
+def test_a_model_that_fails_drops_out(monkeypatch):
+    uv = taken((0.0,) * 5, 6)
+
+    def without_one(target, pixels, sizes, names, terms, **rest):
+        if terms == 1:
+            raise ValueError("uv: no cameras were found")
+        return calibrate(target, pixels, sizes, names, terms, **rest)
+
+    monkeypatch.setattr(distortions, "calibrate", without_one)
+    _, _, choice = calibrate_by_choice(TARGET.points, uv, [SIZE] * 2, NAMES)
+    assert sorted(choice.left_out_px) == [0, 2, 4, 5]
 
 
 def test_what_is_left_out_is_not_fitted():
@@ -132,7 +190,7 @@ def test_too_few_views_to_leave_some_out():
     uv = taken((0.0,) * 5, 3)
     found, _, choice = calibrate_by_choice(TARGET.points, uv, [SIZE] * 2, NAMES)
     assert choice == Choice(found.distortion_terms, {}, ())
-    assert "too few views" in as_lines(choice)[0]
+    assert "the views are too few" in as_lines(choice)[0]
 
 
 def test_views_that_determine_nothing_are_refused_whatever_the_number():

@@ -2,6 +2,8 @@
 known.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from boards import CALIBRATE, LENS, SIZE, board_frames, make_rig, positions, write_views
@@ -9,7 +11,7 @@ from healthy import run
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.calibration.adjust import calibrate
-from trinolab.calibration.mirrors import flipped_lens, unmirrored
+from trinolab.calibration.mirrors import ahead, flipped_lens, shifted, unmirrored, upright
 from trinolab.calibration.target import Target, find_target, upright_corners
 from trinolab.calibration.views import TargetViews
 from trinolab.camera import Camera
@@ -98,6 +100,75 @@ def test_markers_tell_which_cameras_mirror_even_if_they_are_more():
     assert result.unambiguous
 
 
+ROLLS = {"upside down": 180, "on its side": 90, "on its other side": -90, "aslant": 60}
+
+
+def rolled(target, rolls_deg):
+    """What two cameras see that are turned about their axes, each counted as its image has it, and as
+    cameras that know the target would count it.
+    """
+    rng = np.random.default_rng(3)
+    poses = list[RigidTransform]()
+    for _ in range(8):
+        turn = Rotation.from_euler("xyz", rng.uniform(-25, 25, 3) * [1, 1, 0.4], degrees=True)
+        place = rng.uniform(-25, 25, 3) + [0, 0, 480]
+        middle = target.points.mean(axis=0)
+        poses.append(RigidTransform.from_components(place - turn.apply(middle), turn))
+    known = np.empty((2, 8, len(target.points), 2))
+    counted = np.empty_like(known)
+    for c, (camera, roll) in enumerate(zip(cameras(2), rolls_deg, strict=True)):
+        R = Rotation.from_euler("z", roll, degrees=True)
+        there = replace(
+            camera,
+            size=(900, 900),
+            T_cam_world=RigidTransform.from_rotation(R) * camera.T_cam_world,
+        )
+        for v, pose in enumerate(poses):
+            known[c, v] = there.project(pose.apply(target.points))
+            known[c, v] += rng.normal(0, NOISE_PX, known[c, v].shape)
+            counted[c, v] = upright_corners(known[c, v], target)
+    nothing = np.zeros((2, 8), bool)
+    names, views = ("a", "b"), tuple(map(str, range(8)))
+    return TargetViews(
+        names, ((900, 900),) * 2, views, counted, ~nothing, 0, nothing, nothing
+    ), known
+
+
+@pytest.mark.parametrize("target", [TWO_WAYS, CIRCLES, Target("circles", 5, 5, 15.0)], ids=str)
+@pytest.mark.parametrize("first", [False, True])
+@pytest.mark.parametrize("roll_deg", ROLLS.values(), ids=ROLLS)
+def test_a_camera_that_is_turned_counts_from_another_corner(target, first, roll_deg):
+    seen, known = rolled(target, (roll_deg, 0) if first else (0, roll_deg))
+    again, line = upright(seen, target)
+    # at 60 deg rows of an oblong target still run to the right
+    assert ("counted from another corner by" in line) == (abs(roll_deg) > 60 or target.columns == 5)
+    for v in range(8):  # one order for both cameras, whichever
+        ways = [
+            np.rot90(known[:, v].reshape(2, target.rows, -1, 2), k, (1, 2)).reshape(2, -1, 2)
+            for k in target.turns
+        ]
+        assert any(np.array_equal(again.uv[:, v], way) for way in ways)
+
+
+@pytest.mark.parametrize("target", [TWO_WAYS, CIRCLES, CHESSBOARD], ids=str)
+def test_views_of_upright_cameras_are_counted_as_they_are(target):
+    seen = views_of(target, (False, False, False))
+    assert upright(seen, target) == (seen, "")
+
+
+@pytest.mark.parametrize("by", [-3, -1, 1, 3])
+@pytest.mark.parametrize("target", [CHESSBOARD, CIRCLES], ids=str)
+def test_a_camera_whose_views_are_counted_from_another_one_on(target, by):
+    seen, _ = rolled(target, (0, 0))
+    late = shifted(seen, (0, by))
+    assert ahead(late, target) == (0, -by)
+    again = shifted(late, (0, -by))
+    kept = slice(max(-by, 0), 8 - max(by, 0))
+    np.testing.assert_array_equal(again.uv[:, kept], seen.uv[:, kept])
+    assert again.present[1].sum() == 8 - abs(by)
+    assert ahead(seen, target) is None
+
+
 def test_too_few_views_say_nothing():
     seen = views_of(CHESSBOARD, (False, True))
     few = seen.uv.copy()
@@ -135,9 +206,9 @@ def webcam(tmp_path, monkeypatch):
     return calibrate(CHESSBOARD.points, np.array(uv), [SIZE] * 2, "ab", 5)
 
 
-def test_the_command_calibrates_a_camera_that_mirrors_and_says_so(webcam, capfd):
+def test_the_command_calibrates_a_camera_that_mirrors_and_says_so(webcam, caplog):
     assert run(CALIBRATE) == 0
-    (line,) = [line for line in capfd.readouterr().out.splitlines() if "mirrored" in line]
+    (line,) = [line for line in caplog.messages if "mirrored" in line]
     assert line.startswith(
         "images of b or of a are mirrored, else they contradict each other: taken"
     )

@@ -86,6 +86,59 @@ def test_of_many_cameras_each_is_looked_at(tmp_path, looked_at):
     assert len(looked_at) == 24
 
 
+NAMES = {
+    "the case of the ending": ("{:03d}.PNG", "{:03d}.png"),
+    "the format": ("{:03d}.png", "{:03d}.jpg"),
+    "zeros": ("img{}.png", "img{:02d}.png"),
+    "a prefix": ("left_{}.png", "right_{}.png"),
+    "a camera's number": ("cam1_{}.png", "cam2_{}.png"),
+    "the case of the name": ("IMG{:03d}.png", "img{:03d}.png"),
+    "a suffix": ("{:04d}_L.png", "{:04d}_R.png"),
+}
+
+
+@pytest.mark.parametrize("names", NAMES.values(), ids=NAMES)
+def test_names_that_nearly_agree_pair_by_their_numbers(names, tmp_path, looked_at, caplog):
+    for camera, name in zip("ab", names, strict=True):
+        (tmp_path / camera).mkdir()
+        for k in range(12):
+            cv2.imwrite(str(tmp_path / camera / name.format(k)), EMPTY)
+    seen = read_views({name: tmp_path / name for name in "ab"}, CHESSBOARD, progress=False)
+    assert seen.present.shape == (2, 12)
+    assert seen.present.all()
+    assert list(seen.views) == sorted(names[0].format(k) for k in range(12))
+    assert not caplog.messages
+
+
+def test_a_video_that_begins_later_is_paired_by_the_frames_that_it_lacks(tmp_path, looked_at):
+    for name in "ab":
+        size, code = (64, 48), cv2.VideoWriter_fourcc(*"FFV1")
+        writer = cv2.VideoWriter(f"{name}.mkv", code, 30, size, isColor=False)
+        for k in range(10):
+            writer.write(np.full(size[::-1], 10 * k, np.uint8))
+        writer.release()
+    sources = {name: tmp_path / f"{name}.mkv" for name in "ab"}
+    seen = read_views(sources, CHESSBOARD, progress=False, late={"b": 2})
+    assert seen.views[0] == "000000"
+    np.testing.assert_array_equal(seen.times, np.arange(12.0))
+    np.testing.assert_array_equal(
+        seen.present, [[True] * 10 + [False] * 2, [False] * 2 + [True] * 10]
+    )
+    levels = [image[0, 0] for image in looked_at]
+    np.testing.assert_array_equal(levels, [10 * k for k in range(10)] * 2)
+
+
+def test_names_that_agree_are_kept_and_few_pairs_are_said(tmp_path, looked_at, caplog):
+    for camera, first in (("a", 0), ("b", 9)):
+        (tmp_path / camera).mkdir()
+        for k in range(first, first + 12):
+            cv2.imwrite(str(tmp_path / camera / f"{k}.png"), EMPTY)
+    seen = read_views({name: tmp_path / name for name in "ab"}, CHESSBOARD, progress=False)
+    assert len(seen.views) == 21
+    (line,) = caplog.messages
+    assert "only 3 views are in more than one camera, whose views are called 0.png, " in line
+
+
 def test_of_a_phone_that_was_turned_between_two_images_that_is_said(tmp_path, looked_at):
     write_views(tmp_path, [[EMPTY, np.rot90(EMPTY), EMPTY], [EMPTY] * 3])
     says = r"01\.png: 360 x 480 pixels, .* have 480 x 360; likely it was turned between them$"

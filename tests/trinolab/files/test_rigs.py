@@ -132,7 +132,8 @@ WRONG = {
     "a short translation": ("translation", table(translation=[0.0, 1.0])),
     "NaN in the distortion": ("distortions", table(distortions=[NAN, 0, 0, 0, 0])),
     "three distortions": ("distortions", table(distortions=[0.0, 0.0, 0.0])),
-    "eight distortions": ("distortions", table(distortions=[*[0.0] * 7, 1.0])),
+    "six distortions": ("distortions", table(distortions=[*[0.0] * 5, 1.0])),
+    "twelve distortions": ("distortions", table(distortions=[*[0.0] * 11, 1.0])),
     "digits as text": ("size", table(size=["640", "480"])),
     "a rotation that overflows": ("rotation", table(rotation=[1e200, 0.0, 0.0])),
     "a size that overflows": ("size", table(size=[1e300, 480])),
@@ -250,6 +251,26 @@ def test_the_covariance_beside_a_rig(tmp_path):
     said = tomllib.loads((tmp_path / "rig.covariance.toml").read_text(encoding="utf-8"))
     assert said["parameters"][:5] == ["fx", "fy", "cx", "cy", "k1"]
     assert said["units"] == ["px"] * 4 + ["1"] * 5 + ["rad"] * 3 + ["mm"] * 3
+
+
+def test_a_rational_lens_and_its_covariance(tmp_path):
+    lens = np.array([0.9, 0.11, 1e-3, -2e-3, 0.003, 1.22, 0.32, 0.022])
+    first, second = two().cameras
+    n = 18 * 2
+    covariance = RigCovariance(("a", "b"), np.diag(np.arange(1.0, n + 1)))
+    rig = Rig((first, replace(second, distortions=lens)), covariance)
+    write_rig(rig, tmp_path / "rig.toml")
+    again = read_rig(tmp_path / "rig.toml")
+    np.testing.assert_array_equal(again.cameras[1].distortions, lens)
+    np.testing.assert_array_equal(again.cameras[0].distortions, [*first.distortions, 0, 0, 0])
+    np.testing.assert_array_equal(again.covariance.matrix, covariance.matrix)
+    said = tomllib.loads((tmp_path / "rig.covariance.toml").read_text(encoding="utf-8"))
+    assert said["parameters"][8:12] == ["k3", "k4", "k5", "k6"]
+    # a covariance of five coefficients is that of another rig
+    write_rig(two(known()), tmp_path / "other.toml")
+    (tmp_path / "other.covariance.toml").replace(tmp_path / "rig.covariance.toml")
+    with pytest.raises(ValueError, match=r"parameters: expected fx, .* k6, .*, got fx"):
+        read_rig(tmp_path / "rig.toml")
 
 
 def test_a_rig_without_a_covariance_takes_no_other_ones(tmp_path):

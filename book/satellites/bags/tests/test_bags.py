@@ -464,6 +464,18 @@ def test_places_are_joined_along_their_chains(tmp_path):
     np.testing.assert_allclose(places, [[2000, 0, 0], [1000, 0, 0]], atol=1e-9)
 
 
+def test_a_rational_lens_is_read(tmp_path):
+    lens = [-0.3, 0.1, 0.0, 0.0, 0.0, 0.2, 0.05, 0.01]
+
+    def made(ros):
+        return [lens_of(ros, "a", "rational_polynomial", lens=lens)]
+
+    unpack_bag(bag_of_two(tmp_path / "b", a__camera_info=made), tmp_path / "r")
+    first, second = read_rig(tmp_path / "r" / "rig.toml").cameras
+    assert first.distortions.tolist() == lens
+    assert not second.distortions.any()
+
+
 def nothing(ros):
     return []
 
@@ -480,12 +492,13 @@ def nothing(ros):
         (
             "a__camera_info",
             lambda ros: [lens_of(ros, "a", "equidistant")],
-            "/a/camera_info: expected the lens model plumb_bob, got 'equidistant'",
+            "/a/camera_info: expected the lens model plumb_bob or rational_polynomial, got 'equidistant'",
         ),
         (
             "a__camera_info",
-            lambda ros: [lens_of(ros, "a", lens=[-0.3, 0.1, 0, 0, 0, 0.2, 0.05, 0.01])],
-            "/a/camera_info: distortions: expected k1, k2, p1, p2, k3, got others that are not zero",
+            lambda ros: [lens_of(ros, "a", lens=[-0.3, 0.1, *[0] * 6, 0.2, 0, 0, 0])],
+            "/a/camera_info: distortions: expected k1, k2, p1, p2, k3, k4, k5, k6, got others that are not "
+            "zero",
         ),
         (
             "tf_static",
