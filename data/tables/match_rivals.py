@@ -122,10 +122,10 @@ def _totals(
         comparable = all(errors[name] is not None for name in found if name not in named)
         for name, pairs in found.items():
             of_pairs = pd.DataFrame([counts(shot, i, j, one) for (i, j), one in pairs.items()])
+            error = errors[name] if comparable else None
+            mm, deg = error or (0.0, 0.0)
             posed = errors[name] is not None
-            compared = comparable and posed
-            mm, deg = errors[name] if compared else (0.0, 0.0)
-            about = {"rule": name, "posed": posed, "compared": compared}
+            about = {"rule": name, "posed": posed, "compared": error is not None}
             rows.append({**about, **of_pairs.sum(), "sum_mm": mm, "sum_deg": deg})
     totals = pd.DataFrame(rows).groupby("rule", sort=False).sum()
     return totals.to_dict("index")
