@@ -65,7 +65,6 @@ NOT_VARIED = {
     "A26": "the markers of all thresholds on the way are kept, so that they hardly depend on where the "
     "search begins and ends; {doc}`chapter 5 </notebooks/05_markers>` shows what the last threshold "
     "alone would give",
-    "A30": "what a track begins with decides the pose among twelve, as the row of A16 shows for an instant",
     "A32": "a choice of directions and scale: no number of the paper depends on it",
     "A33": "the delay and the trembling that it exchanges are in {doc}`chapter 11 </notebooks/11_master_slave>`",
     "A34": "the delay of claim 20 changes by as much as the age",
