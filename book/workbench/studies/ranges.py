@@ -147,7 +147,8 @@ def deciding(verdict: str, others: Sequence[Elsewhere]) -> str:
     ]
     more = len(turned) + len(open_) - len(named)
     rest = f"; and {more} more" if more else ""
-    return f"As assumed: {verdict}. Decided by {'; '.join(texts)}{rest}."
+    how = "Decided by" if turned else "Not shown with"
+    return f"As assumed: {verdict}. {how} {'; '.join(texts)}{rest}."
 
 
 def _judged(

@@ -53,6 +53,8 @@ def test_the_row_says_what_decides_it():
     others = [other("undecided", "a"), other("differs", "b"), other("match", "c")]
     text = ranges.deciding("match", others)
     assert text == "As assumed: match. Decided by b (A1): 0.5 (0.4 to 0.6), differs; and 1 more."
+    text = ranges.deciding("match", [other("undecided", "a")])
+    assert text == "As assumed: match. Not shown with a (A1): 0.5 (0.4 to 0.6), undecided."
     assert (
         ranges.deciding("match", [other("match")] * 3) == "It holds with each of 3 other choices."
     )
