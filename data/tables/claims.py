@@ -96,6 +96,8 @@ def results_of(name: str, trial: Trial, draws: Sequence[Draw]) -> pd.DataFrame:
     """A row for each check that a claim or a range has in a trial; columns `COLUMNS`."""
     rows = []
     for check, statistic in checks_of(name).items():
+        if check not in draws[0]:
+            continue  # a range that the trial does not draw
         pairs = np.array([draw[check] for draw in draws], float)
         pairs = pairs[pairs[:, 1] != 0]
         value, interval = estimated(pairs, statistic)

@@ -174,7 +174,7 @@ def _of_table1() -> dict[str, Any]:
     angles = deviations.exact([table.measured], table.set_poses).angles_deg[0]
     budget = _budget()
     patterns = load_sweep("patterns")
-    by_images = (facts.by_poses, facts.by_points)
+    by_images = (facts.by_rods, facts.by_points)
     of_points = isotropy.of_points(load_rig("paper_pair"), table.set_poses.translation)
     per_px = np.sqrt(of_points.mean(axis=0).diagonal())
     return {

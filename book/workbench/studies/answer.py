@@ -14,7 +14,6 @@ from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 
 from . import isotropy
 from .deviations import exact
-from .error_sources import make_trial, pixel_noise
 from .pattern import smooth_share
 
 LEVEL = 0.05
@@ -36,9 +35,9 @@ class Facts(NamedTuple):
         Standard deviations of its position errors in x, y and z.
     isotropic_p : float
         Of Mauchly's test that these are equal.
-    by_points, by_poses : isotropy.Bound
+    by_points, by_rods : isotropy.Bound
         The share of the mean square that errors of the images make, of any size: with the covariance
-        of a triangulated point, and of the paper's pose of the rod.
+        of a triangulated point, and of a pose of the rod by least squares.
     assumed_share : float
         Of the mean square after the registration that errors of the assumed sizes make: images,
         calibration, platform, digits.
@@ -60,7 +59,7 @@ class Facts(NamedTuple):
     scatter_mm: tuple[float, ...]
     isotropic_p: float
     by_points: isotropy.Bound
-    by_poses: isotropy.Bound
+    by_rods: isotropy.Bound
     assumed_share: float
     smooth_p: float
     constant_share: float
@@ -89,13 +88,13 @@ def facts(draws: int = 4000, seed: int = 0) -> Facts:
         if not any(word in str(model) for word in SET_WRONGLY)
     }
     rig = load_rig("paper_pair")
-    of_pose = pixel_noise(make_trial(rig, load_handle("paper"), table.set_poses), 1.0)
+    of_rods = isotropy.of_rods(rig, load_handle("paper"), table.set_poses)
     return Facts(
         float(np.linalg.norm(places, axis=1).mean()),
         tuple(map(float, places.std(axis=0, ddof=1))),
         isotropy.mauchly(places),
         isotropy.of_images(places, positions, isotropy.of_points(rig, positions), LEVEL),
-        isotropy.of_images(places, positions, isotropy.of_source(of_pose), LEVEL),
+        isotropy.of_images(places, positions, of_rods, LEVEL),
         float((rows["certain: drawn together"] / rows["Table 1"]) ** 2),
         float((smooth_share(positions, chance) <= smooth).mean()),
         float(constant),
@@ -114,8 +113,8 @@ def checked(found: Facts) -> Facts:
     ValueError
         Names the part of a sentence that they do not.
     """
-    refused = min(found.by_points.refused, found.by_poses.refused)
-    most = (found.by_poses.at_most, found.by_points.at_most)
+    refused = min(found.by_points.refused, found.by_rods.refused)
+    most = (found.by_rods.at_most, found.by_points.at_most)
     parts = {
         "the mean of the printed table": abs(found.E_t_mm - PAPER_MM) <= 0.005,
         "a new random offset in each pose": LEVEL / 2 < found.smooth_p < 1 - LEVEL / 2,
@@ -135,7 +134,7 @@ def checked(found: Facts) -> Facts:
 def sentences(found: Facts | None = None) -> tuple[str, ...]:
     """The answer, no stronger than the facts; those of the shipped tables without any."""
     f = checked(found or facts())
-    least, most = sorted(100 * bound.at_most for bound in (f.by_poses, f.by_points))
+    least, most = sorted(100 * bound.at_most for bound in (f.by_rods, f.by_points))
     low, high = min(f.offsets_deg), max(f.offsets_deg)
     return (
         f"The {PAPER_MM} mm is the mean of the printed table, and in that sense right; it does not "

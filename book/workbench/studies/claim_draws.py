@@ -96,7 +96,7 @@ MARKER_PX = 0.1  # noise of a marker's pixel where no image is rendered
 PATH_PX = 2.0  # noise of an observed path in the image
 # The other choices of data/ranges.toml, by the end of a check's name
 RATES = (0.002, 0.02, 0.05, 0.1)  # of the printed background
-LIGHTS = {"halved": lambda n: np.full(n, 0.5), "risen": lambda n: np.linspace(1.0, 2.0, n)}
+LIGHTS = {"halved": 0.5}  # from the middle of a clip on
 SLANTS_DEG = (55.0, 80.0)  # up to which a marker is measured
 MATCHINGS = {
     "ncc_0.8": MatchParameters(ncc_threshold=0.8),
@@ -285,7 +285,7 @@ def clip(k: int, seed: int, length: int = CLIP, ranges: bool = False) -> Draw:
     first = list(render_clip(rig, handle, truths[:half], Bench(), rng, Arm()))
     gains = {"steady": np.ones(length - half), "doubled": np.full(length - half, 2.0)}
     if ranges:
-        gains |= {name: light(length - half) for name, light in LIGHTS.items()}
+        gains |= {name: np.full(length - half, gain) for name, gain in LIGHTS.items()}
     second = {
         light: list(render_clip(rig, handle, truths[half:], Bench(), rng, Arm(), gain))
         for light, gain in gains.items()

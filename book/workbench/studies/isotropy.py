@@ -9,9 +9,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy import stats
+from scipy.spatial.transform import RigidTransform
 
 from trinolab.camera import Rig
 from trinolab.checks import Array, as_array, as_whole
+from trinolab.handle import Handle, facing_pixels
+from trinolab.rigid import cross_matrices
 
 from .deviations import Source
 from .pattern import rigid_field
@@ -20,7 +23,7 @@ SHARES = np.linspace(0.0, 1.0, 201)  # of the mean square, on which the likeliho
 
 
 class Bound(NamedTuple):
-    """The share of the mean square that errors of the images make.
+    """The share of the observed mean square, after the registration, that errors of the images make.
 
     Attributes
     ----------
@@ -60,6 +63,31 @@ def of_points(rig: Rig, points: ArrayLike) -> Array:
     ]
     J = np.moveaxis(np.array(columns), 0, -1)  # (cameras, n, 2, 3)
     return np.linalg.inv(np.einsum("cnik,cnil->nkl", J, J))
+
+
+def of_rods(rig: Rig, handle: Handle, poses: RigidTransform, max_slant_deg: float = 70.0) -> Array:
+    """Covariances of the positions of poses fitted to the pixels of all markers by least squares, the
+    pixels having an error of 1 px per coordinate, shape (n, 3, 3), mm^2.
+    """
+    step = 1e-3
+    found = []
+    for T in poses:
+        normal = np.zeros((6, 6))
+        for camera in rig.cameras:
+            seen = np.isfinite(facing_pixels(handle, camera, T, max_slant_deg)).all(axis=1)
+            x = T.apply(handle.marker_centres[seen])
+            by_place = np.stack(
+                [
+                    (camera.project(x + d) - camera.project(x - d)) / (2 * step)
+                    for d in step * np.eye(3)
+                ],
+                axis=2,
+            )
+            by_turn = -by_place @ cross_matrices(x - T.translation)
+            J = np.concatenate([by_place, by_turn], axis=2).reshape(-1, 6)
+            normal += J.T @ J
+        found.append(np.linalg.inv(normal)[:3, :3])
+    return np.array(found)
 
 
 def of_source(source: Source) -> Array:
@@ -114,15 +142,16 @@ def bounds(components: Array, spread: Array, level: float) -> list[Bound]:
     """
     y = np.atleast_2d(components)
     variance = 1 - SHARES[:, None] + SHARES[:, None] * spread
-    size = (y[:, None] ** 2 / variance).mean(axis=2)
+    size = y**2 @ (1 / variance).T / len(spread)
     twice_log = -len(spread) * np.log(size) - np.log(variance).sum(axis=1)
     best = twice_log.argmax(axis=1)
     near = twice_log.max(axis=1)[:, None] - twice_log <= stats.chi2.ppf(1 - 2 * level, 1)
     last = near.shape[1] - 1 - near[:, ::-1].argmax(axis=1)
     refused = twice_log[:, 0] - twice_log[:, -1]
-    return [
-        Bound(*map(float, row)) for row in zip(SHARES[best], SHARES[last], refused, strict=True)
-    ]
+    rows = np.arange(len(y))
+    of_observed = SHARES * size / size[:, :1]
+    ends = of_observed[rows, best], of_observed[rows, last]
+    return [Bound(*map(float, row)) for row in zip(*ends, refused, strict=True)]
 
 
 def _directions(positions: ArrayLike, covariances: ArrayLike) -> tuple[Array, Array]:
