@@ -131,14 +131,18 @@ def over_range(verdict: str, others: Sequence[Elsewhere]) -> str:
 
 def deciding(verdict: str, others: Sequence[Elsewhere]) -> str:
     """The choices with which a row has another verdict than as assumed, as a sentence: those that
-    turn it round first.
+    turn it round, or else those with the narrowest intervals.
     """
-    if not others:
-        return ""
-    if over_range(verdict, others) == verdict:
-        return f"It holds with each of {len(others)} other choices."
-    turned = [one for one in others if one.verdict not in (verdict, UNDECIDED, "not run")]
-    open_ = [one for one in others if one.verdict == UNDECIDED != verdict]
+    run = [one for one in others if one.verdict != "not run"]
+    missing = len(others) - len(run)
+    rest = f" Not run: {missing}." if missing else ""
+    if not run or all(one.verdict == UNDECIDED == verdict for one in run):
+        return rest.strip()
+    if over_range(verdict, run) == verdict != UNDECIDED:
+        return f"Other choices tried: {len(run)}; it holds with each.{rest}"
+    turned = [one for one in run if one.verdict not in (verdict, UNDECIDED)]
+    open_ = [one for one in run if one.verdict == UNDECIDED != verdict]
+    open_.sort(key=lambda one: one.high - one.low)
     named = (turned or open_)[:SHOWN]
     texts = [
         f"{one.instead} ({one.assumption}): {one.value:.3g} ({one.low:.3g} to {one.high:.3g}), "
@@ -146,9 +150,9 @@ def deciding(verdict: str, others: Sequence[Elsewhere]) -> str:
         for one in named
     ]
     more = len(turned) + len(open_) - len(named)
-    rest = f"; and {more} more" if more else ""
+    others_too = f"; and {more} more" if more else ""
     how = "Decided by" if turned else "Not shown with"
-    return f"As assumed: {verdict}. {how} {'; '.join(texts)}{rest}."
+    return f"As assumed: {verdict}. {how} {'; '.join(texts)}{others_too}.{rest}"
 
 
 def _judged(

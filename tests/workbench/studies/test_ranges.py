@@ -55,9 +55,11 @@ def test_the_row_says_what_decides_it():
     assert text == "As assumed: match. Decided by b (A1): 0.5 (0.4 to 0.6), differs; and 1 more."
     text = ranges.deciding("match", [other("undecided", "a")])
     assert text == "As assumed: match. Not shown with a (A1): 0.5 (0.4 to 0.6), undecided."
-    assert (
-        ranges.deciding("match", [other("match")] * 3) == "It holds with each of 3 other choices."
-    )
+    three = [other("match")] * 3
+    assert ranges.deciding("match", three) == "Other choices tried: 3; it holds with each."
+    assert ranges.deciding("match", [*three, other("not run")]).endswith(" Not run: 1.")
+    assert ranges.deciding("undecided", [other("undecided")]) == ""
+    assert ranges.deciding("undecided", [other("differs", "b")]).endswith("to 0.6), differs.")
     assert ranges.deciding("match", []) == ""
 
 
@@ -78,7 +80,10 @@ def test_what_is_not_run_is_listed():
     assert {row.verdict for row in rows} == {"not run"}
 
 
-def test_all_ranges_are_run():
+def test_what_is_run_is_in_the_results_and_the_rest_is_named():
+    """A range that its trial does not draw yet is listed as not run, and no other is missing."""
     results = drawn_results()
+    draws = pd.read_csv(data_path("claims_draws.csv"))
     for one in ranges.load_ranges():
-        assert set(one.checks.values()) <= set(results), one
+        drawn = set(draws[draws["trial"] == one.trial]["check"])
+        assert set(one.checks.values()) & drawn == set(one.checks.values()) & set(results)
