@@ -137,12 +137,11 @@ def sentences(found: Facts | None = None) -> tuple[str, ...]:
     least, most = sorted(100 * bound.at_most for bound in (f.by_rods, f.by_points))
     low, high = min(f.offsets_deg), max(f.offsets_deg)
     return (
-        f"The {PAPER_MM} mm is the mean of the printed table, and in that sense right; it does not "
-        "show how well the cameras measure.",
-        f"The position errors look like a new random offset in each pose, {np.mean(f.scatter_mm):.1f} "
-        "mm in every direction, whereas two cameras err far more in depth than sideways: errors of the "
+        f"The {PAPER_MM} mm is the mean of the printed table, and in that sense right.",
+        f"The position errors look like a new random offset of {np.mean(f.scatter_mm):.1f} mm in each "
+        "pose, equal in all directions; two cameras err far more in depth, so that errors of the "
         f"images, of any size, make at most about a third of the mean square ({least:.0f} to "
-        f"{most:.0f} %), and {100 * f.assumed_share:.0f} % if they have the sizes that we assume.",
+        f"{most:.0f} %), and {100 * f.assumed_share:.0f} % by the sizes that we assume.",
         f"Each angle is wrong by nearly the same {low:.1f}° to {high:.1f}° in all poses, as it would be "
         "if a scale had a wrong zero.",
         "Which part of the set-up did this, twenty rows cannot tell.",

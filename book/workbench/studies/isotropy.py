@@ -149,7 +149,7 @@ def bounds(components: Array, spread: Array, level: float) -> list[Bound]:
     last = near.shape[1] - 1 - near[:, ::-1].argmax(axis=1)
     refused = twice_log[:, 0] - twice_log[:, -1]
     rows = np.arange(len(y))
-    of_observed = SHARES * size / size[:, :1]
+    of_observed = np.minimum(SHARES * size / size[:, :1], 1.0)
     ends = of_observed[rows, best], of_observed[rows, last]
     return [Bound(*map(float, row)) for row in zip(*ends, refused, strict=True)]
 
