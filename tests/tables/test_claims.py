@@ -27,8 +27,9 @@ def draws_come_out_again(name, numbers):
     stored = claims.draws_of(DRAWS, name)
     for k in numbers:
         drawn = TRIALS[name](k, ROWS[name].seed)
-        assert set(drawn) == set(stored[k])
-        for check in set(drawn) - FROM_THE_CLOCK:
+        # a range that was not run yet is drawn and not stored
+        assert set(stored[k]) <= set(drawn)
+        for check in set(stored[k]) - FROM_THE_CLOCK:
             # six digits are stored, and processors differ in the last ones
             assert drawn[check] == pytest.approx(stored[k][check], rel=1e-4, abs=1e-6), check
 
