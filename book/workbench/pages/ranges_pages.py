@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,7 +17,7 @@ from trinolab.datasets import data_path
 from ..cli import digits
 from ..intervals import of_ratio, of_share, of_student
 from ..studies import claim_draws, ranges
-from ..studies.protocol import load_claims
+from ..studies.protocol import Claim, load_claims
 from ..studies.scoreboard import drawn_results
 from .claims_pages import claim_link, escaped, list_table
 from .hour import Quoted
@@ -38,8 +39,7 @@ class Moved(NamedTuple):
 
     @property
     def as_assumed(self) -> str:
-        claim = next(claim for claim in load_claims() if claim.no == self.row.no)
-        return claim.computed_verdict(self.row.ours, self.row.low, self.row.high)
+        return _claims()[self.row.no].computed_verdict(self.row.ours, self.row.low, self.row.high)
 
     @property
     def grows(self) -> float:
@@ -52,7 +52,7 @@ def moved(board: pd.DataFrame) -> list[Moved]:
     rows = {str(row.no): row for row in board.itertuples()}
     results = drawn_results()
     found = []
-    for claim in load_claims():
+    for claim in _claims().values():
         if claim.question is None or claim.no not in rows:
             continue
         row = rows[claim.no]
@@ -194,6 +194,11 @@ def errors_table(board: pd.DataFrame, chapters: Mapping[int, Quoted]) -> str:
             lines.append((f"chapter {chapter}", f"{values['E_t_mm']:.3f}", why))
     head = ("Where", "$E_t$, mm", "What differs")
     return list_table(head, lines, "16 24 60", "every-error", raw=True)
+
+
+@cache
+def _claims() -> dict[str, Claim]:
+    return {claim.no: claim for claim in load_claims()}
 
 
 def _draws(trial: str) -> dict[str, pd.DataFrame]:

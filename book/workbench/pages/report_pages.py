@@ -39,6 +39,9 @@ ROOT = Path(__file__).resolve().parents[3]
 
 # Assumptions that no row of data/sensitivity.csv varies, and why.
 NOT_VARIED = {
+    "A26": "the markers of all thresholds on the way are kept, so that they hardly depend on where the "
+    "search begins and ends; {doc}`chapter 5 </notebooks/05_markers>` shows what the last threshold "
+    "alone would give",
     "A32": "a choice of directions and scale: no number of the paper depends on it",
     "A33": "the delay and the trembling that it exchanges are in {doc}`chapter 11 </notebooks/11_master_slave>`",
     "A34": "the delay of claim 20 changes by as much as the age",

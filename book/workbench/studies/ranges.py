@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Protocol
+from functools import cache
+from typing import Any, NamedTuple, Protocol
 
 import pandas as pd
 
@@ -61,6 +62,7 @@ class Elsewhere(NamedTuple):
     verdict: str
 
 
+@cache
 def load_ranges() -> tuple[Range, ...]:
     """Load the ledger of ranges, ``data/ranges.toml``, in its order."""
     path = data_path("ranges.toml")
@@ -114,13 +116,21 @@ def elsewhere(claim: Claim, base: Estimate, results: Mapping[str, Estimate]) -> 
         else Elsewhere(assumption, instead, math.nan, math.nan, math.nan, "not run")
         for assumption, instead, result in found
     ]
-    path = data_path("ranges.toml")
-    stands_for = get(read_toml(path), "sensitivity", str(path)).get(claim.no)
-    table = pd.read_csv(data_path("sensitivity.csv"))
-    for row in table[table["claim"] == stands_for].dropna(subset="difference").itertuples():
+    for row in _sensitivity().get(claim.no, ()):
         changed = base.value + row.difference, base.low + row.low, base.high + row.high
         rows.append(_judged(claim, row.assumption, row.instead, *changed))
     return sorted(rows, key=lambda row: int(row.assumption.removeprefix("A")))
+
+
+@cache
+def _sensitivity() -> dict[str, list[Any]]:
+    """The rows of ``data/sensitivity.csv`` that stand for a row of the front."""
+    path = data_path("ranges.toml")
+    stands_for = get(read_toml(path), "sensitivity", str(path))
+    table = pd.read_csv(data_path("sensitivity.csv")).dropna(subset="difference")
+    return {
+        no: list(table[table["claim"] == other].itertuples()) for no, other in stands_for.items()
+    }
 
 
 def over_range(verdict: str, others: Sequence[Elsewhere]) -> str:

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from workbench.pages import report_pages
+from workbench.pages.claims_pages import escaped
 from workbench.studies.protocol import load_deviations
 from workbench.studies.ranges import load_ranges
 from workbench.studies.scoreboard import essential_rows
@@ -19,7 +20,7 @@ TABLE = pd.read_csv(ROOT / "data" / "sensitivity.csv", keep_default_na=False, na
 def test_every_question_stands_once_under_its_verdicts(board):
     text = report_pages.front(board)
     for question, rows in essential_rows(board).items():
-        (line,) = [line for line in text.splitlines() if question in line]
+        (line,) = [line for line in text.splitlines() if escaped(question) in line]
         verdicts = set(rows["verdict"])
         group = verdicts.pop() if len(verdicts) == 1 else "mixed"
         assert line.startswith(f"- **{report_pages.FARES[group]}:**")
