@@ -18,7 +18,8 @@ from workbench.studies.protocol import load_claims
 TEXT = (Path(article.__file__).parent / article.TEMPLATE).read_text(encoding="utf-8")
 # What may have a digit without being a result: places in the paper, names, links and licences.
 NAMES = (
-    r"\{#-.*?-#\}|\{\{.*?\}\}|\$\$[^$]+\$\$|\$[^$]+\$|^:widths: [\d ]+$",  # of the template: a remark, a computed value; a formula
+    r"\{#-.*?-#\}|\{\{.*?\}\}",  # of the template: a remark, a computed value
+    r"\$\$[^$]+\$\$|\$[^$]+\$|^:widths: [\d ]+$",  # formulas, widths
     r"(Eq|Sect|Fig)\. \d[\d.]*( and \d+| to \d+)?",
     r"Table 1\b",
     r"CCD[123]",
