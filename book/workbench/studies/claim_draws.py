@@ -12,7 +12,7 @@ from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import replace
 from functools import cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -342,7 +342,7 @@ def _backgrounds(name: str, parameters: Parameters) -> dict[str, Parameters]:
     name.
     """
     rates = RATES if name == "printed" else (0.05,)
-    changes: dict[str, dict[str, float]] = {f"rate_{r:g}": {"update_rate": r} for r in rates}
+    changes: dict[str, dict[str, Any]] = {f"rate_{r:g}": {"update_rate": r} for r in rates}
     changes["threshold_25"] = {"difference_threshold": 25.0}
     return {
         end: replace(parameters, background=replace(parameters.background, **change))
@@ -705,7 +705,9 @@ def _matched(
         for camera, markers in zip(rig.cameras, m.found, strict=True)
     )
     uv = [markers.uv for markers in m.found]
-    pairs = match(*rig.cameras, *images, *uv, parameters).index
+    pairs = match(
+        rig.cameras[0], rig.cameras[1], images[0], images[1], uv[0], uv[1], parameters
+    ).index
     same = (left[pairs[:, 0]] == right[pairs[:, 1]]) & (left[pairs[:, 0]] >= 0)
     return left, right, pairs, same
 
