@@ -19,7 +19,7 @@ TEXT = (Path(article.__file__).parent / article.TEMPLATE).read_text(encoding="ut
 # What may have a digit without being a result: places in the paper, names, links and licences.
 NAMES = (
     r"\{#-.*?-#\}|\{\{.*?\}\}",  # of the template: a remark, a computed value
-    r"\$\$[^$]+\$\$|\$[^$]+\$|^:widths: [\d ]+$",  # formulas, widths
+    r"\$\$[^$]+\$\$|\$[^$]+\$|^:(?:widths|header-rows): [\d ]+$",  # formulas, a table
     r"(Eq|Sect|Fig)\. \d[\d.]*( and \d+| to \d+)?",
     r"Table 1\b",
     r"CCD[123]",
