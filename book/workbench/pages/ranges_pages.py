@@ -223,7 +223,7 @@ def _said(name: str) -> str:
     entry = page.split(f"[{name}]{{#{name.lower()}}}")[1]
     match = re.search(r"\*\*(.+?)\*\*", entry)
     assert match is not None  # each entry has one
-    return match[1]
+    return re.sub(r"\[([^]]+)\]\([^)]*\)", r"\1", match[1])  # links of another page
 
 
 def _value(value: float, low: float, high: float) -> str:
