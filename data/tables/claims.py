@@ -14,7 +14,8 @@ from trinolab.checks import Array
 from workbench.intervals import NONE, Interval, of_ratio, of_share, of_student, ratio
 from workbench.studies.carrier import all_runs
 from workbench.studies.claim_draws import TRIALS, Draw
-from workbench.studies.protocol import Claim, Trial, frozen_hash, load_claims, load_trials
+from workbench.studies.protocol import Trial, frozen_hash, load_claims, load_trials
+from workbench.studies.ranges import statistics_of
 
 DRAWS = ("trial", "k", "check", "a", "b")
 COLUMNS = ("check", "trial", "statistic", "value", "low", "high", "n", "draws", "seed")
@@ -92,20 +93,25 @@ def one_draw(trial: str, k: int, seed: int) -> dict[str, float]:
 
 
 def results_of(name: str, trial: Trial, draws: Sequence[Draw]) -> pd.DataFrame:
-    """A row for each check that a claim has in a trial; columns `COLUMNS`."""
+    """A row for each check that a claim or a range has in a trial; columns `COLUMNS`."""
     rows = []
-    for claim in checks_of(name):
-        pairs = np.array([draw[str(claim.check)] for draw in draws], float)
+    for check, statistic in checks_of(name).items():
+        if check not in draws[0]:
+            continue  # a range that the trial does not draw
+        pairs = np.array([draw[check] for draw in draws], float)
         pairs = pairs[pairs[:, 1] != 0]
-        value, interval = estimated(pairs, str(claim.statistic))
+        value, interval = estimated(pairs, statistic)
         numbers = (value, interval.low, interval.high, len(pairs), len(draws), trial.seed)
-        rows.append((claim.check, name, claim.statistic, *numbers))
+        rows.append((check, name, statistic, *numbers))
     return pd.DataFrame(rows, columns=list(COLUMNS))
 
 
-def checks_of(name: str) -> list[Claim]:
-    """A claim for each check of a trial; several may have the same."""
-    return list({claim.check: claim for claim in load_claims() if claim.trial == name}.values())
+def checks_of(name: str) -> dict[str, str]:
+    """The checks of a trial that claims and ranges have, each with its statistic."""
+    of_claims = {
+        str(claim.check): str(claim.statistic) for claim in load_claims() if claim.trial == name
+    }
+    return of_claims | statistics_of(name)
 
 
 def estimated(pairs: Array, statistic: str) -> tuple[float, Interval]:

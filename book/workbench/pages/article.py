@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import yaml
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
@@ -24,24 +25,20 @@ from trinolab.files.outputs import write_whole
 from .. import provenance
 from ..imports import our_files
 from ..plotting.basics import write_drawing
-from ..plotting.calibration import plot_calibration_error
 from ..plotting.structure import plot_rig
 from ..plotting.table1 import plot_budget, plot_errors_in_space, plot_refused
-from ..studies import accounts, claim_draws, deviations, lever, pattern
+from ..studies import accounts, claim_draws, deviations, isotropy, lever, pattern
 from ..studies import answer as cause
-from ..studies.protocol import load_claims, load_deviations, load_trials
+from ..studies.protocol import load_deviations
 from ..studies.scoreboard import essential_rows
+from . import ranges_pages
 from .claims_pages import (
-    IS_OF_THE_PAPER,
-    VERDICTS,
     claim_link,
     escaped,
     list_table,
     read_board,
     value_of,
-    word,
 )
-from .report_pages import untestable
 
 ROOT = Path(__file__).resolve().parents[3]
 TEMPLATE = "article.md.j2"
@@ -52,10 +49,9 @@ TABLES = 4000  # drawn, for a probability
 SEED = 0
 # What the text says in words of single rows.
 NEEDED = {
-    **dict.fromkeys(("1", "3", "4", "7", "11", "12c", "13d", "13e"), "match"),
-    **dict.fromkeys(("15", "17a", "22a", "28a"), "match"),
-    **dict.fromkeys(("2", "5", "5j", "6", "8", "9", "10", "11a"), "differs"),
-    **dict.fromkeys(("12b", "14c", "17", "18c", "22", "22c", "28"), "differs"),
+    **dict.fromkeys(("1", "3", "4"), "match"),
+    **dict.fromkeys(("2", "9", "10"), "differs"),
+    **dict.fromkeys(("5", "6", "7", "8", "18"), "undecided"),
     "8i": "undecided",
     "11b": "missed",
 }
@@ -85,7 +81,9 @@ STATISTICS = {
 def write_pages(scoreboard: Path, folder: Path) -> None:
     """Write the text and its figures, from the stored board."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_whole(folder / "text.md", article(read_board(scoreboard)) + "\n")
+    text = article(read_board(scoreboard))
+    write_whole(folder / "text.md", text + "\n")
+    write_whole(folder / "metadata.yaml", metadata(text))
     for name, draw in FIGURES.items():
         write_drawing(draw(), folder / f"{name}.svg")
 
@@ -96,6 +94,15 @@ def article(board: pd.DataFrame) -> str:
         loader=FileSystemLoader(Path(__file__).parent), undefined=StrictUndefined
     )
     return environment.get_template(TEMPLATE).render(values(checked(board)))
+
+
+def metadata(text: str) -> str:
+    """The journal's metadata, ``book/metadata.yaml``, with the abstract of the text."""
+    fields = yaml.safe_load((ROOT / "book" / "metadata.yaml").read_text(encoding="utf-8"))
+    section = text.split("## Abstract")[1].split("\n## ")[0]
+    plain = re.sub(r"\{cite:p\}`[^`]*` |[*]", "", section)
+    abstract = " ".join(plain.split())
+    return yaml.safe_dump({**fields, "abstract": abstract}, sort_keys=False, allow_unicode=True)
 
 
 def checked(board: pd.DataFrame) -> pd.DataFrame:
@@ -120,7 +127,7 @@ def values(board: pd.DataFrame) -> dict[str, Any]:
     """All that the text quotes, by the name that it has there."""
     return {
         **_of_the_board(board),
-        **_of_the_protocol(board),
+        **_of_the_protocol(),
         **_of_table1(),
         **_of_the_lever(),
         "figure": lambda name: f"{{numref}}`article-{name}`",
@@ -130,47 +137,32 @@ def values(board: pd.DataFrame) -> dict[str, Any]:
 
 def _of_the_board(board: pd.DataFrame) -> dict[str, Any]:
     rows = {str(row.no): row for row in board.itertuples()}
-    of_paper = board[board["kind"].isin(IS_OF_THE_PAPER)]
-    fares = of_paper["verdict"].value_counts()
-    by_question = [set(some["verdict"]) for some in essential_rows(board).values()]
-    alike = {verdict: by_question.count({verdict}) for verdict in ("match", "differs")}
-    mixed = len(by_question) - sum(alike.values())
     return {
         "ours": lambda no: escaped(value_of(rows[no])),
         "percent": lambda no: _percent(rows[no]),
         "paper": lambda no: f"{rows[no].paper} {rows[no].unit}",
         "claim": lambda no: f"claim {claim_link(no)}",
-        "rows": len(board),
-        "rows_of_paper": len(of_paper),
-        "fares": _listed([f"{fares[v]} {word(v)}" for v in VERDICTS if v in fares]),
-        "missed": int((board["verdict"] == "missed").sum()),
-        "questions": len(by_question),
-        "counts": (
-            f"{alike['match']} are answered as the paper answers them, {alike['differs']} are answered "
-            f"otherwise, and for {mixed} the rows disagree or are undecided"
-        ),
+        "decides": lambda no: escaped(rows[no].sensitivity),
+        "assumptions_table": ranges_pages.assumptions_table(board),
+        "flatness_table": ranges_pages.flatness_table(),
         "claims_table": claims_table(board),
-        "untestable": untestable(board),
+        "untestable": ", ".join(
+            claim_link(no) for no in board["no"][board["verdict"] == "cannot be tested"]
+        ),
     }
 
 
-def _of_the_protocol(board: pd.DataFrame) -> dict[str, Any]:
-    clips = load_trials()["long_clip"].draws
-    tracked = float(board.set_index("no")["ours"]["12b"])
+def _of_the_protocol() -> dict[str, Any]:
     log = load_deviations()
     frozen = str(read_toml(ROOT / "data" / "deviations.toml")["frozen"]["date"])
     equations = read_toml(ROOT / "data" / "equations.toml")["equation"]
     assumptions = (ROOT / "book" / "assumptions.md").read_text(encoding="utf-8")
     return {
-        "clips": clips,
-        "lost_clips": clips - round(tracked * clips),
         "frozen": frozen,
-        "changes": sum(bool(entry.hashes) for entry in log),
         "last_change": max(entry.date for entry in log),
         "equations": len(equations),
         "assumptions": len(set(re.findall(r"\{#a(\d+)\}", assumptions))),
         "board_positions": claim_draws.POSITIONS,
-        "bend_mm": min(bend for bend in claim_draws.BENDS_MM.values() if bend > 0),
         "marker_mm": f"{load_handle(HANDLE).marker_diameter_mm:g}",
         "elevation": f"{RIG.split('_')[1].removesuffix('deg')}°",
     }
@@ -182,11 +174,19 @@ def _of_table1() -> dict[str, Any]:
     angles = deviations.exact([table.measured], table.set_poses).angles_deg[0]
     budget = _budget()
     patterns = load_sweep("patterns")
+    by_images = (facts.by_rods, facts.by_points)
+    of_points = isotropy.of_points(load_rig("paper_pair"), table.set_poses.translation)
+    per_px = np.sqrt(of_points.mean(axis=0).diagonal())
     return {
         "cause": cause.sentence(facts),
         "poses": len(table.set_poses),
-        "known_share": f"{100 * facts.known_share:.0f} %",
-        "known_mm": f"{budget.loc['certain', 'mm']:.2g}",
+        "assumed_share": f"{100 * facts.assumed_share:.0f} %",
+        "scatter_mm": _listed([f"{value:.2f}" for value in facts.scatter_mm]),
+        "isotropic_p": f"{facts.isotropic_p:.2f}",
+        "per_px": _listed([f"{value:.2f}" for value in per_px]),
+        "refused": " and ".join(f"{bound.refused:.0f}" for bound in by_images),
+        "at_most": " and ".join(f"{100 * bound.at_most:.0f} %" for bound in by_images),
+        "assumed_mm": f"{budget.loc['certain', 'mm']:.2g}",
         "table_mm": f"{budget.loc['Table 1', 'mm']:.2g}",
         "smooth_p": f"{facts.smooth_p:.2f}",
         "chance_tables": f"{TABLES:,}",
@@ -330,14 +330,8 @@ def _draw_refused() -> Any:
     return plot_refused(table.assign(model=short), STATISTICS, cause.LEVEL).figure
 
 
-def _draw_calibration() -> Any:
-    limit_mm = next(float(claim.paper) for claim in load_claims() if claim.no == "1")
-    return plot_calibration_error(load_sweep("calibration_error"), HANDLE, limit_mm)
-
-
 FIGURES: dict[str, Callable[[], Any]] = {
     "rig": _draw_rig,
-    "calibration": _draw_calibration,
     "budget": _draw_budget,
     "space": _draw_space,
     "refused": _draw_refused,

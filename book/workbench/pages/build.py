@@ -546,7 +546,7 @@ def write_reference() -> None:
     house.write_house()
     claims_pages.write_pages(SCOREBOARD, GENERATED / "claims")
     course_pages.write_pages(GENERATED / "course")
-    report_pages.write_pages(SCOREBOARD, SECONDS, GENERATED / "report")
+    report_pages.write_pages(SCOREBOARD, SECONDS, EXECUTED, GENERATED / "report")
     article.write_pages(SCOREBOARD, GENERATED / "article")
     hour.write_pages(EXECUTED, GENERATED / "hour")
     online.write_page(GENERATED / "online")

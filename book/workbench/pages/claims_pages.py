@@ -5,7 +5,6 @@ log of deviations.
 from __future__ import annotations
 
 from pathlib import Path
-from string import ascii_lowercase
 from typing import Any
 
 import pandas as pd
@@ -27,7 +26,6 @@ def write_pages(scoreboard: Path, folder: Path) -> None:
     of_paper = board["kind"].isin(IS_OF_THE_PAPER)
     first = board["no"].isin([no for rows in essential_rows(board).values() for no in rows["no"]])
     parts = {
-        "answer": answer(board[of_paper]),
         "essential": essential_table(board),
         "paper": board_table(board[of_paper & ~first]),
         "own": board_table(board[~of_paper & ~first]),
@@ -45,38 +43,6 @@ def read_board(path: Path) -> pd.DataFrame:
     return pd.read_csv(
         path, dtype={"no": str}, keep_default_na=False, na_values={name: [""] for name in numbers}
     )
-
-
-def answer(board: pd.DataFrame) -> str:
-    """How the paper's claims fare: a claim is all rows with its number, since a letter marks another
-    form of it.
-    """
-    left = int((~board["verdict"].isin(VERDICTS)).sum())
-    judged = board[board["verdict"].isin(VERDICTS)]
-    number = judged["no"].str.rstrip(ascii_lowercase)
-    fares = judged.groupby(number)["verdict"].agg(frozenset)
-    counts = {verdict: int((fares == {verdict}).sum()) for verdict in VERDICTS}
-    counted = [f"{count} {word(verdict, count)}" for verdict, count in counts.items() if count]
-    if mixed := len(fares) - sum(counts.values()):
-        counted.append(
-            f"{mixed} {'fares' if mixed == 1 else 'fare'} otherwise in one form than in another"
-        )
-    rest = f" {left} of the {len(board)} rows were not run here." if left else ""
-    return (
-        f"Of the paper's {len(fares)} claims {', '.join(counted)}. (A claim with a letter is another form "
-        "of the one before it, and counts with it; the rows are of different weight, so that the "
-        f"counts say little.){rest} The {{doc}}`replication report </book/report>` has all of it on a page."
-    )
-
-
-def word(verdict: str, count: int = 2) -> str:
-    """A verdict as the verb of a sentence whose subject is a number of claims."""
-    verbs = {
-        "match": ("matches", "match"),
-        "differs": ("differs", "differ"),
-        "undecided": ("is undecided", "are undecided"),
-    }
-    return verbs.get(verdict, (verdict, verdict))[count != 1]
 
 
 def board_table(board: pd.DataFrame) -> str:

@@ -22,50 +22,26 @@ from trinolab.files.outputs import write_whole
 from ..cli import digits
 from ..studies import answer as cause
 from ..studies.pattern import holm
-from ..studies.protocol import load_trials
-from .claims_pages import IS_OF_THE_PAPER, VERDICTS, claim_link, list_table, read_board
+from ..studies.scoreboard import essential_rows
+from . import ranges_pages
+from .claims_pages import (
+    IS_OF_THE_PAPER,
+    VERDICTS,
+    claim_link,
+    escaped,
+    list_table,
+    read_board,
+)
+from .hour import read_chapters
 from .howmade import commit_said
 
 ROOT = Path(__file__).resolve().parents[3]
-
-# The sentence that answers: what each part needs of the board, and the part. A board that says
-# something else stops the build, because the sentence would be wrong.
-ANSWER = (
-    (
-        {"1": "match", "2": "differs", "3": "match", "4": "match"},
-        "three of the four printed means follow from the printed table, but alpha's is "
-        "{2} and not 0.67 deg",
-    ),
-    (
-        {"5": "differs", "5j": "differs", "11": "match", "12c": "match"},
-        "the method, once its misprints are corrected and its gaps filled by our rules, measures and "
-        "tracks a simulated handle, where its images alone make {5j} of the 0.31 mm, and its images "
-        "with rigs that are calibrated on a flat board {5}",
-    ),
-    (
-        {"12b": "differs", "14c": "differs"},
-        "as printed, its background keeps the handle in a share of {12b} of the clips of a second, and its "
-        "filter searches a share of {14c} of the image",
-    ),
-    (
-        {"11a": "differs"},
-        "in a single instant the markers leave twelve poses that look alike, of which it finds the true "
-        "one in a share of {11a}",
-    ),
-    (
-        {"17": "differs", "28": "differs", "28a": "match"},
-        "and the third camera sees past a hand before the first in a share of {17} of the poses where "
-        "Fig. 5 places it, while the mean over the pairs has {28} times the error of a weighted one if "
-        "pixels have noise and no bias, and {28a} times with the centroids of rendered images",
-    ),
-)
 
 # Assumptions that no row of data/sensitivity.csv varies, and why.
 NOT_VARIED = {
     "A26": "the markers of all thresholds on the way are kept, so that they hardly depend on where the "
     "search begins and ends; {doc}`chapter 5 </notebooks/05_markers>` shows what the last threshold "
     "alone would give",
-    "A30": "what a track begins with decides the pose among twelve, as the row of A16 shows for an instant",
     "A32": "a choice of directions and scale: no number of the paper depends on it",
     "A33": "the delay and the trembling that it exchanges are in {doc}`chapter 11 </notebooks/11_master_slave>`",
     "A34": "the delay of claim 20 changes by as much as the age",
@@ -88,6 +64,13 @@ NAMES = {
     "false_percent_cured": "bench taken for moving",
     "window_percent_calm": "image searched",
 }
+# How the rows of a question fare together -> how that is said.
+FARES = {
+    "match": "As the paper says, whatever it leaves open",
+    "differs": "Otherwise than the paper says, whatever it leaves open",
+    "mixed": "As it says in one form or part, and not in another",
+    "undecided": "Undecided, because what the paper leaves open decides it",
+}
 PAPER_MM = 0.31  # E_t as the paper has it
 POSES, CALIBRATIONS = 20, 30  # of a number that nothing was left out of
 PACKAGES = ("numpy", "scipy", "opencv-contrib-python-headless", "pandas", "jupyter-book")
@@ -99,15 +82,20 @@ FILES = (
 )
 
 
-def write_pages(scoreboard: Path, seconds: Path, folder: Path) -> None:
-    """Write all parts, from the stored board and the stored run times."""
+def write_pages(scoreboard: Path, seconds: Path, executed: Path, folder: Path) -> None:
+    """Write all parts, from the stored board, the stored run times and a folder of executed
+    notebooks.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     board = read_board(scoreboard)
     table = pd.read_csv(ROOT / "data" / "sensitivity.csv", keep_default_na=False, na_values=[""])
     parts = {
         "cause": cause.sentence(),
-        "short": short(board),
-        "answer": answer(board),
+        "front": front(board),
+        "ranges": ranges_pages.ranges_table(board),
+        "flatness": ranges_pages.flatness_table(),
+        "rates": ranges_pages.rates_table(),
+        "errors": ranges_pages.errors_table(board, read_chapters(executed)),
         "kinds": kinds(board),
         "untestable": untestable(board),
         "headline": headline(table),
@@ -118,53 +106,19 @@ def write_pages(scoreboard: Path, seconds: Path, folder: Path) -> None:
         write_whole(folder / f"{name}.md", text + "\n")
 
 
-def answer(board: pd.DataFrame) -> str:
-    """Whether it replicates, in a sentence whose numbers are the board's.
-
-    Raises
-    ------
-    ValueError
-        If a row has another verdict than the sentence says.
-    """
-    rows = {str(row.no): row for row in board.itertuples()}
-    sentences = []
-    for needed, text in ANSWER:
-        for no, verdict in needed.items():
-            if rows[no].verdict != verdict:
-                raise ValueError(
-                    f"report: claim {no}: the answer says {verdict!r}, the board {rows[no].verdict!r}; "
-                    "write ANSWER in book/workbench/pages/report_pages.py anew"
-                )
-        sentences.append(re.sub(r"\{(\w+)\}", lambda match: number(rows[match[1]]), text))
-    return "**In part:** " + "; ".join(sentences) + "."
-
-
-def short(board: pd.DataFrame) -> str:
-    """What does not replicate, as a list; its numbers are the board's."""
-    rows = {str(row.no): row for row in board.itertuples()}
-    clips = load_trials()["long_clip"].draws
-    lost = clips - round(rows["12b"].ours * clips)
-    images, calibrated = (rows[no].ours / PAPER_MM for no in ("5j", "5"))
+def front(board: pd.DataFrame) -> str:
+    """The questions of the front by how they fare, as a list."""
+    fares: dict[str, list[str]] = {verdict: [] for verdict in FARES}
+    for question, rows in essential_rows(board).items():
+        verdicts = set(rows["verdict"])
+        group = verdicts.pop() if len(verdicts) == 1 else "mixed"
+        links = ", ".join(claim_link(no) for no in rows["no"])
+        fares.setdefault(group, []).append(f"{escaped(question)} ({links})")
     return "\n".join(
-        [
-            f"- as printed, and with the rate alpha = 0.05 that we chose, its background loses the handle in "
-            f"{lost} of {clips} clips of a second (95 %: {1 - rows['12b'].high:.0%} to "
-            f"{1 - rows['12b'].low:.0%}), and its filter searches "
-            f"{rows['14c'].ours:.0%} of the image,",
-            "- one of the four printed means does not follow from the printed table,",
-            f"- the images make {images:.0%} of the printed error of {PAPER_MM} mm, and with a "
-            f"calibration on a flat board {calibrated:.0%},",
-            "- the markers do not tell which of twelve look-alike poses is the true one, and",
-            "- the third camera as Fig. 5 places it does not see past a hand before the first.",
-        ]
+        f"- **{FARES.get(group, group)}:** {' '.join(questions)}"
+        for group, questions in fares.items()
+        if questions
     )
-
-
-def number(row: object) -> str:
-    """A row's value with unit, interval and a link to the row."""
-    unit = "" if row.unit in ("share", "ratio") else f" {row.unit}"
-    interval = f"{digits(row.low)} to {digits(row.high)}, " if row.low == row.low else ""
-    return f"{digits(row.ours)}{unit} ({interval}claim {claim_link(row.no)})"
 
 
 def kinds(board: pd.DataFrame) -> str:

@@ -9,11 +9,13 @@ alone.
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import deepcopy
+from dataclasses import replace
 from functools import cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import RigidTransform
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.background import BackgroundParameters
 from trinolab.bench.hand import Arm, true_visibility
@@ -36,11 +38,12 @@ from trinolab.kalman import (
     update,
     white_jerk,
 )
-from trinolab.matching import match
+from trinolab.matching import MatchParameters, match
 from trinolab.measurement import Measurement, measure
 from trinolab.methods import BEST
-from trinolab.metrics import PoseErrors
+from trinolab.metrics import PoseErrors, pose_errors
 from trinolab.parameters import Parameters
+from trinolab.pose import rigid_fit
 from trinolab.slave.arm import Robot, load_robot
 from trinolab.tracker import TrackerState, start, step
 from trinolab.triangulation import triangulate, triangulate_weighted
@@ -56,18 +59,22 @@ from .claim_trials import (
     share_of_image,
     true_labels,
 )
-from .replication import EVERY, measure_frames, replication_errors, shared_poses
+from .replication import (
+    EVERY,
+    estimates_and_truths,
+    measure_frames,
+    replication_errors,
+    shared_poses,
+)
 from .simulated_calibration import Board, calibration_errors, simulated_calibration
 
 Draw = dict[str, tuple[float, float]]
 
 NOTHING = (0.0, 0.0)
 # Eq. 5 and 6 as printed: one threshold, every pixel renewed at one rate, no factor for the light.
-# The paper gives no rate: ours.
+# The paper gives no rate: that of assumption A23.
 PRINTED = Parameters(
-    background=BackgroundParameters(
-        update_rate=0.05, shadow_share=0.0, masked_rate=None, compensate_light=False
-    )
+    background=BackgroundParameters(shadow_share=0.0, masked_rate=None, compensate_light=False)
 )
 PRINTED_H = np.array([[1.0, 1.0, 0.0, 0.0, 0.0, 0.0]])  # Eq. 12: x + y is observed
 OUR_BEST = {BEST: Parameters(estimator=BEST)}
@@ -80,12 +87,35 @@ QUANTITIES = {
 }
 POSITIONS = 14  # of the board in Sect. 6.2
 BENDS_MM = {"flat": 0.0, "bent_20um": 0.02, "bent_50um": 0.05}  # of the board's middle
+FLATNESS_MM = {"flat": 0.0, "bent_5um": 0.005, "bent_10um": 0.01, "bent_20um": 0.02}
 PAPER_MM = 0.31  # E_t as the paper has it
 CLIP, LONG_CLIP = 6, 30  # instants; the light changes in the middle
 FACTORS = {"distortion": -0.1, "distance": 900.0, "marker_size": 4.0, "speed": 200.0}
 CONCEALED_MM = 1.0  # a marker's place is calculated if it is as near as this
 MARKER_PX = 0.1  # noise of a marker's pixel where no image is rendered
 PATH_PX = 2.0  # noise of an observed path in the image
+# The other choices of data/ranges.toml, by the end of a check's name
+RATES = (0.002, 0.02, 0.05, 0.1)  # of the printed background
+LIGHTS = {"halved": 0.5}  # from the middle of a clip on
+SLANTS_DEG = (55.0, 80.0)  # up to which a marker is measured
+MATCHINGS = {
+    "ncc_0.8": MatchParameters(ncc_threshold=0.8),
+    "ncc_none": MatchParameters(ncc_threshold=-1.0),
+    "gate_6": MatchParameters(epipolar_gate_px=6.0),
+    "window_11": MatchParameters(window_px=11),
+}
+OTHER_HANDLES = {
+    "small": lambda: replace(load_handle("paper"), marker_diameter_mm=2.0),
+    "large": lambda: replace(load_handle("paper"), marker_diameter_mm=4.0),
+    "dark": lambda: replace(load_handle("paper"), markers="dark"),
+    "coded": lambda: load_handle("coded"),
+}
+FORECASTS = {
+    **{f"noise_{px:g}": (px, 1.0) for px in (0.1, 0.5, 6.0)},  # noise, px; factor of q
+    "calm": (PATH_PX, 0.1),
+    "lively": (PATH_PX, 10.0),
+}
+PRIOR_MM, PRIOR_DEG = 5.0, 10.0  # by which a prior pose is wrong
 SCRIPT_S = 5.0  # of a standard recording's script, of which one instant is drawn
 
 
@@ -132,23 +162,61 @@ def random_pose(k: int, seed: int) -> Draw:
     images = render_rig(rig, handle, truth, Bench(), rng)
     m = measure(images, rig, handle, parameters=EVERY["paper"])
     left, right, pairs, same = _matched(images, m, truth, rig, handle)
+    turn = Rotation.from_rotvec(np.deg2rad(PRIOR_DEG) * _direction(rng))
+    off = RigidTransform.from_components(PRIOR_MM * _direction(rng), turn)
+    begun = measure(images, rig, handle, truth * off, EVERY["paper"])
     both = np.logical_and(*(true_visibility(camera, handle, truth) for camera in rig.cameras))
     matched = np.isin(np.flatnonzero(both), left[pairs[same, 0]])
-    off = np.concatenate(
+    distance = np.concatenate(
         [
             nearest(markers.uv, facing_pixels(handle, camera, truth, 65.0))[1]
             for camera, markers in zip(rig.cameras, m.found, strict=True)
         ]
     )
-    off = off[off < SAME_PX]
-    return {
+    distance = distance[distance < SAME_PX]
+    draw = {
         "share_measured": (share_close([m], [truth], handle, equivalents=True), 1.0),
         "share_measured_itself": (share_close([m], [truth], handle, equivalents=False), 1.0),
+        "share_measured_prior": (share_close([begun], [truth], handle, equivalents=True), 1.0),
+        "share_measured_itself_prior": (
+            share_close([begun], [truth], handle, equivalents=False),
+            1.0,
+        ),
         "share_of_wrong_matches": (float((~same).sum()), float(len(pairs))),
         "share_of_wrong_identities": _wrong_identities(m, left, right),
         "share_of_markers_matched": (float(matched.sum()), float(both.sum())),
-        "centroid_error_px": (float((off**2).sum()), float(len(off))),
+        "centroid_error_px": (float((distance**2).sum()), float(len(distance))),
     }
+    for name, parameters in MATCHINGS.items():
+        same = _matched(images, m, truth, rig, handle, parameters)[3]
+        draw[f"share_of_wrong_matches_{name}"] = (float((~same).sum()), float(len(same)))
+    return draw
+
+
+def other_handle(k: int, seed: int) -> Draw:
+    """A random pose, rendered with handles of other markers: `random_pose` of each."""
+    rig = load_rig("paper_pair")
+    draw: Draw = {}
+    for name, make in OTHER_HANDLES.items():
+        handle = make()
+        rng = np.random.default_rng([seed, k])
+        truth = next(shared_poses(rig, load_handle("paper"), rng))
+        visible = [true_visibility(camera, handle, truth) for camera in rig.cameras]
+        counts = float(np.logical_and(*visible).sum() >= 4)
+        images = render_rig(rig, handle, truth, Bench(), rng)
+        m = measure(images, rig, handle, parameters=EVERY["paper"])
+        same = _matched(images, m, truth, rig, handle)[3]
+        for check, equivalents in (("share_measured", True), ("share_measured_itself", False)):
+            close = share_close([m], [truth], handle, equivalents)
+            draw[f"{check}_{name}"] = (counts * close, counts)
+        draw[f"share_of_wrong_matches_{name}"] = (float((~same).sum()), float(len(same)))
+    return draw
+
+
+def _direction(rng: np.random.Generator) -> Array:
+    """A random unit vector."""
+    v = rng.standard_normal(3)
+    return v / np.linalg.norm(v)
 
 
 def recorded_instant(k: int, seed: int) -> Draw:
@@ -189,14 +257,24 @@ def hidden_camera(k: int, seed: int) -> Draw:
         x, y, z = rig.cameras[0].centre
         arm = Arm(hides_from=(float(x), float(y), float(z)))
         images = render_rig(rig, handle, truth, Bench(), rng, arm)
-        m = measure(images, rig, handle, parameters=EVERY["paper"])
-        draw[f"share_saved_{name}"] = (share_close([m], [truth], handle, equivalents=True), 1.0)
+        for end, parameters in _by_slant(EVERY["paper"]).items():
+            m = measure(images, rig, handle, parameters=parameters)
+            close = share_close([m], [truth], handle, equivalents=True)
+            draw[f"share_saved_{name}{end}"] = (close, 1.0)
     return draw
 
 
-def clip(k: int, seed: int, length: int = CLIP) -> Draw:
+def _by_slant(parameters: Parameters) -> dict[str, Parameters]:
+    """The parameters, and with markers measured up to other slants, by the end of a check's name."""
+    return {"": parameters} | {
+        f"_slant_{slant:g}": replace(parameters, max_slant_deg=slant) for slant in SLANTS_DEG
+    }
+
+
+def clip(k: int, seed: int, length: int = CLIP, ranges: bool = False) -> Draw:
     """A short clip of a moving, held handle, tracked from a known start by the printed background
-    and by ours, in steady light and in light that doubles half-way.
+    and by ours, in steady light and in light that doubles half-way; with `ranges` by backgrounds of
+    other rates and thresholds as well, and in other changes of the light.
     """
     rig = load_rig("paper_pair")
     handle = load_handle("paper")
@@ -205,13 +283,12 @@ def clip(k: int, seed: int, length: int = CLIP) -> Draw:
     half = length // 2
     empty = render_rig(rig, handle, None, Bench(), rng)
     first = list(render_clip(rig, handle, truths[:half], Bench(), rng, Arm()))
+    gains = {"steady": np.ones(length - half), "doubled": np.full(length - half, 2.0)}
+    if ranges:
+        gains |= {name: np.full(length - half, gain) for name, gain in LIGHTS.items()}
     second = {
-        gain: list(
-            render_clip(
-                rig, handle, truths[half:], Bench(), rng, Arm(), np.full(length - half, gain)
-            )
-        )
-        for gain in (1.0, 2.0)
+        light: list(render_clip(rig, handle, truths[half:], Bench(), rng, Arm(), gain))
+        for light, gain in gains.items()
     }
     draw: Draw = {}
     begun = start(empty, rig, -1 / FPS, truths[0])
@@ -219,32 +296,58 @@ def clip(k: int, seed: int, length: int = CLIP) -> Draw:
     for name, parameters in (("printed", PRINTED), ("ours", Parameters())):
         follow = partial(follow_clip, rig=rig, handle=handle, parameters=parameters)
         before = follow(begun, unknown, first, truths[:half], 0)
-        steady, doubled = (
-            follow(before.state, before.printed, second[gain], truths[half:], half)
-            for gain in (1.0, 2.0)
-        )
+        after = {
+            light: follow(before.state, before.printed, frames, truths[half:], half)
+            for light, frames in second.items()
+        }
+        steady, doubled = after["steady"], after["doubled"]
         draw[f"share_tracked_{name}"] = (float(all(before.right + steady.right)), 1.0)
         draw[f"share_kept_under_light_{name}"] = (
             float(sum(doubled.right)),
             float(sum(steady.right)),
         )
-        draw[f"share_measured_in_light_{name}"] = (
-            float(sum(doubled.right)),
-            float(len(doubled.right)),
-        )
+        draw[f"share_measured_in_light_{name}"] = _right(doubled)
+        if ranges:
+            draw[f"instants_tracked_{name}"] = _right(before, steady)
+            for light in LIGHTS:
+                draw[f"share_measured_{light}_{name}"] = _right(after[light])
+            frames = first + second["steady"]
+            for end, other in _backgrounds(name, parameters).items():
+                way = follow_clip(begun, unknown, frames, truths, 0, rig, handle, other)
+                draw[f"share_tracked_{name}_{end}"] = (float(all(way.right)), 1.0)
+                draw[f"instants_tracked_{name}_{end}"] = _right(way)
         if name == "ours":
             for whose in ("ours", "printed"):
                 shares = [*getattr(before, f"shares_{whose}"), *getattr(steady, f"shares_{whose}")]
                 draw[f"share_searched_{whose}"] = (float(sum(shares)), float(len(shares)))
             draw["time_searched"] = time(
-                second[1.0][-1][0], steady.window, rig.cameras[0], handle, truths[-1]
+                second["steady"][-1][0], steady.window, rig.cameras[0], handle, truths[-1]
             )
     return draw
 
 
 def long_clip(k: int, seed: int) -> Draw:
     """`clip` for a second, its checks named ``long_``."""
-    return {f"long_{check}": pair for check, pair in clip(k, seed, LONG_CLIP).items()}
+    return {f"long_{check}": pair for check, pair in clip(k, seed, LONG_CLIP, True).items()}
+
+
+def _right(*ways: Way) -> tuple[float, float]:
+    """The instants that are right, and all of them."""
+    right = [one for way in ways for one in way.right]
+    return float(sum(right)), float(len(right))
+
+
+def _backgrounds(name: str, parameters: Parameters) -> dict[str, Parameters]:
+    """The parameters with other rates and thresholds of the background, by the end of a check's
+    name.
+    """
+    rates = RATES if name == "printed" else (0.05,)
+    changes: dict[str, dict[str, Any]] = {f"rate_{r:g}": {"update_rate": r} for r in rates}
+    changes["threshold_25"] = {"difference_threshold": 25.0}
+    return {
+        end: replace(parameters, background=replace(parameters.background, **change))
+        for end, change in changes.items()
+    }
 
 
 def calibration(k: int, seed: int) -> Draw:
@@ -270,6 +373,46 @@ def _calibration_cost_mm(k: int, seed: int, bend_mm: float = 0.0) -> float:
     calibrated = simulated_calibration(rig, Board(), POSITIONS, rng, bend_mm=bend_mm).rig
     poses = load_table1().set_poses
     return float(calibration_errors(calibrated, rig, load_handle("paper"), poses).E_t_mm)
+
+
+def flatness(k: int, seed: int) -> Draw:
+    """Table 1's poses, rendered once, measured with rigs that were calibrated from the same positions
+    of a flat board and of bent ones: position error of the method, cost of the calibration alone.
+    """
+    handle, rig = load_handle("paper"), load_rig("paper_pair")
+    poses = load_table1().set_poses
+    rng = np.random.default_rng([seed, k])
+    pixels = [labelled(render_rig(rig, handle, T, Bench(), rng), rig, handle) for T in poses]
+    draw: Draw = {}
+    for name, bend_mm in FLATNESS_MM.items():
+        same = deepcopy(rng)
+        found = simulated_calibration(rig, Board(), POSITIONS, same, bend_mm=bend_mm).rig
+        fits = [rigid_fit(handle.marker_centres, triangulate(found, uv)) for uv in pixels]
+        estimates, truths = estimates_and_truths(fits, poses, handle)
+        errors = pose_errors(estimates, truths)
+        joined = rigid_fit(truths.translation, estimates.translation)
+        assert joined is not None  # twenty places
+        left = joined.inv().apply(estimates.translation) - truths.translation
+        draw[f"registered_{name}"] = (float(np.linalg.norm(left, axis=1).mean()), 1.0)
+        cost = float(calibration_errors(found, rig, handle, poses).E_t_mm)
+        draw[f"position_{name}"] = (errors.E_t_mm, 1.0)
+        draw[f"calibration_cost_{name}"] = (cost, 1.0)
+        draw[f"calibration_enough_{name}"] = (float(cost <= PAPER_MM), 1.0)
+    return draw
+
+
+def labelled(images: list[np.ndarray], rig: Rig, handle: Handle) -> Array:
+    """The centroids of an instant by camera and marker, as the paper's pose takes them: NaN for those
+    that are not found, or too steep.
+    """
+    m = measure(images, rig, handle, parameters=EVERY["paper"])
+    uv = labelled_pixels(m.labels, tuple(found.uv for found in m.found), len(handle.marker_centres))
+    T = m.pose.T_world_handle
+    if T is not None:
+        steepest = Parameters().max_slant_deg
+        facing = [facing_pixels(handle, camera, T, steepest) for camera in rig.cameras]
+        uv = np.where(np.isfinite(facing), uv, np.nan)
+    return uv
 
 
 def factor(k: int, seed: int) -> Draw:
@@ -321,18 +464,24 @@ def concealed(k: int, seed: int) -> Draw:
     point = truth.apply(handle.marker_centres[[marker]])
     uv = np.stack([camera.project(point) for camera in rig.cameras])
     uv += rng.normal(0.0, MARKER_PX, uv.shape)
-    whole = triangulate(rig, uv)
-    weighted = triangulate_weighted(rig, uv, MARKER_PX)[0]
+    ratios = {"plain_mean": _plain_to_weighted(rig, uv, point)}
+    above = load_rig("paper_trinocular")
+    seen_above = np.stack([camera.project(point) for camera in above.cameras])
+    noise = np.random.default_rng([seed, k, 1]).normal(0.0, MARKER_PX, uv.shape)
+    ratios["plain_mean_above"] = _plain_to_weighted(above, seen_above + noise, point)
     uv[int(rng.integers(len(rig.cameras)))] = np.nan
     rest = triangulate(rig, uv)
     return {
         "share_concealed": (float(np.linalg.norm(rest - point) <= CONCEALED_MM), 1.0),
-        # rms of Eq. 22's mean over the rms of the mean weighted by covariances
-        "plain_mean": (
-            float(((whole - point) ** 2).sum()),
-            float(((weighted - point) ** 2).sum()),
-        ),
+        **ratios,
     }
+
+
+def _plain_to_weighted(rig: Rig, uv: Array, points: Array) -> tuple[float, float]:
+    """Squared errors of Eq. 22's mean, and of the mean weighted by covariances."""
+    plain = triangulate(rig, uv)
+    weighted = triangulate_weighted(rig, uv, MARKER_PX)[0]
+    return float(((plain - points) ** 2).sum()), float(((weighted - points) ** 2).sum())
 
 
 def rendered_mean(k: int, seed: int) -> Draw:
@@ -348,18 +497,14 @@ def rendered_mean(k: int, seed: int) -> Draw:
     m = measure(images, rig, handle, truth, EVERY["paper"])
     markers = len(handle.marker_centres)
     uv = labelled_pixels(m.labels, tuple(found.uv for found in m.found), markers)
-    steepest = Parameters().max_slant_deg
-    facing = [facing_pixels(handle, camera, truth, steepest) for camera in rig.cameras]
-    by_all = np.isfinite(uv + np.array(facing)).all(axis=(0, 2))
-    points = truth.apply(handle.marker_centres[by_all])
-    plain = triangulate(rig, uv[:, by_all])
-    weighted = triangulate_weighted(rig, uv[:, by_all], MARKER_PX)[0]
-    return {
-        "plain_mean_rendered": (
-            float(((plain - points) ** 2).sum()),
-            float(((weighted - points) ** 2).sum()),
-        )
-    }
+    draw: Draw = {}
+    for end, parameters in _by_slant(EVERY["paper"]).items():
+        steepest = parameters.max_slant_deg
+        facing = [facing_pixels(handle, camera, truth, steepest) for camera in rig.cameras]
+        by_all = np.isfinite(uv + np.array(facing)).all(axis=(0, 2))
+        points = truth.apply(handle.marker_centres[by_all])
+        draw[f"plain_mean_rendered{end}"] = _plain_to_weighted(rig, uv[:, by_all], points)
+    return draw
 
 
 def forecast(k: int, seed: int) -> Draw:
@@ -374,15 +519,17 @@ def forecast(k: int, seed: int) -> Draw:
     speed = np.gradient(path, 1 / (fine * FPS), axis=0)
     acceleration = np.gradient(speed, 1 / (fine * FPS), axis=0)
     true = np.hstack([path, speed, acceleration])[::fine]
-    z = true[:, :2] + rng.normal(0.0, PATH_PX, (len(true), 2))
-    p = KalmanParameters(sigma_px=PATH_PX)
-    times = np.arange(len(z)) / FPS
-    ours = track(times, z, p, gated=False).predicted.mean
+    unit = rng.normal(0.0, 1.0, (len(true), 2))
+    z = true[:, :2] + PATH_PX * unit
+    ours = _forecast(z, PATH_PX)
     known = State(np.append(z[0], np.zeros(4)), np.zeros((6, 6)))
+    p = KalmanParameters()
     F, Q = constant_acceleration(1 / FPS), white_jerk(1 / FPS, p.jerk_intensity)
     sums = z[1:].sum(axis=1, keepdims=True)
     R = np.array([[2 * PATH_PX**2]])
     printed = run(known, sums, F, Q, PRINTED_H, R).predicted.mean
+    line = np.full((len(true), 6), np.nan)
+    line[2:, :2] = 2 * z[1:-1] - z[:-2]
     settled = slice(15, None)
     moved = np.diff(true[:, :2], axis=0, prepend=np.nan)
 
@@ -391,12 +538,26 @@ def forecast(k: int, seed: int) -> Draw:
         return float((off**2).sum()), float((quantity[settled] ** 2).sum())
 
     position, velocity, third = slice(0, 2), slice(2, 4), slice(4, 6)
-    return {
+    draw = {
         "forecast_printed": compare(np.vstack([np.full(6, np.nan), printed]), moved, position),
         "forecast_position": compare(ours, moved, position),
         "forecast_speed": compare(ours, true[:, velocity], velocity),
         "forecast_acceleration": compare(ours, true[:, third], third),
+        "forecast_line": compare(line, moved, position),
     }
+    draw["forecast_against_line"] = draw["forecast_position"][0], draw["forecast_line"][0]
+    for end, (noise_px, factor_of_q) in FORECASTS.items():
+        predicted = _forecast(true[:, :2] + noise_px * unit, noise_px, factor_of_q)
+        draw[f"forecast_position_{end}"] = compare(predicted, moved, position)
+        draw[f"forecast_acceleration_{end}"] = compare(predicted, true[:, third], third)
+    return draw
+
+
+def _forecast(z: Array, noise_px: float, factor_of_q: float = 1.0) -> Array:
+    """The states that the corrected filter predicts from observed places."""
+    standard = KalmanParameters(sigma_px=noise_px)
+    p = replace(standard, jerk_intensity=factor_of_q * standard.jerk_intensity)
+    return track(np.arange(len(z)) / FPS, z, p, gated=False).predicted.mean
 
 
 def slave(k: int, seed: int) -> Draw:
@@ -435,6 +596,8 @@ TRIALS: dict[str, Callable[[int, int], Draw]] = {
     "forecast": forecast,
     "calibration": calibration,
     "one_calibration": one_calibration,
+    "flatness": flatness,
+    "other_handle": other_handle,
     "rendered_mean": rendered_mean,
     "slave": slave,
     "table1": table1,
@@ -527,7 +690,12 @@ def time(
 
 
 def _matched(
-    images: list[np.ndarray], m: Measurement, truth: RigidTransform, rig: Rig, handle: Handle
+    images: list[np.ndarray],
+    m: Measurement,
+    truth: RigidTransform,
+    rig: Rig,
+    handle: Handle,
+    parameters: MatchParameters | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The true markers of what both cameras found, the pairs that Sect. 5.2 makes of it, and which of
     these are right.
@@ -537,7 +705,9 @@ def _matched(
         for camera, markers in zip(rig.cameras, m.found, strict=True)
     )
     uv = [markers.uv for markers in m.found]
-    pairs = match(rig.cameras[0], rig.cameras[1], images[0], images[1], uv[0], uv[1]).index
+    pairs = match(
+        rig.cameras[0], rig.cameras[1], images[0], images[1], uv[0], uv[1], parameters
+    ).index
     same = (left[pairs[:, 0]] == right[pairs[:, 1]]) & (left[pairs[:, 0]] >= 0)
     return left, right, pairs, same
 

@@ -56,7 +56,6 @@ class Claim:
     at_least: float | None = None
     trial: str | None = None
     statistic: str | None = None
-    sensitivity: str | None = None
     question: str | None = None
 
     @property

@@ -26,7 +26,7 @@ from trinolab.metrics import PoseErrors, pose_errors
 from ..intervals import of_quantile
 from ..paper.errata.pose import printed_rotation_error
 from ..paper.errata.workspace import printed_workspace_volume
-from . import real_recordings, second_renderer
+from . import ranges, real_recordings, second_renderer
 from .protocol import Claim, Trial, can_show, load_claims, load_trials
 from .replication import CHECKED, EVERY
 
@@ -53,7 +53,6 @@ WHENCE = "data/real.toml says which recordings it should have, and where they co
 NOT_DRAWN = (
     "not run: data/claims_results.csv has no row; `python -m workbench.studies claims` makes it"
 )
-MARKER_SIZES_MM = (2.0, 4.0)  # between which the assumed size of 3 mm may well lie
 
 
 class Result(NamedTuple):
@@ -146,6 +145,7 @@ def quoted(no: str) -> str:
 def score(claim: Claim, results: Mapping[str, Result], trials: dict[str, Trial]) -> tuple:
     """One row of the scoreboard, with what was drawn and what it was drawn by."""
     result = None
+    decides = ""
     why = f"{NOT_RUN}: {why_not()}; {WHENCE}"
     if claim.trial is not None:
         result = results.get(str(claim.check))
@@ -159,6 +159,10 @@ def score(claim: Claim, results: Mapping[str, Result], trials: dict[str, Trial])
         verdict, reason, result = NOT_RUN, why, Result(np.nan)
     else:
         verdict = claim.computed_verdict(result.value, result.low, result.high)
+        if claim.question is not None:
+            others = ranges.elsewhere(claim, result, results)
+            decides = ranges.deciding(verdict, others)
+            verdict = ranges.over_range(verdict, others)
         same = verdict == claim.verdict
         reason = claim.reason if same else f"The ledger declares '{claim.verdict}'."
     return (
@@ -173,20 +177,7 @@ def score(claim: Claim, results: Mapping[str, Result], trials: dict[str, Trial])
         claim.kind,
         claim.criterion,
         can_show(claim, trials),
-        sensitivity(claim),
-    )
-
-
-def sensitivity(claim: Claim) -> str:
-    """What the assumed size of the markers does to a claim's number, in words; "" for most."""
-    if claim.sensitivity is None:
-        return ""
-    table = pd.read_csv(data_path("sweeps", "marker_size.csv"))
-    in_range = table["marker_diameter_mm"].between(*MARKER_SIZES_MM) & (table["method"] == "paper")
-    values = table[in_range][claim.sensitivity]
-    return (
-        f"Markers of {MARKER_SIZES_MM[0]:g} to {MARKER_SIZES_MM[1]:g} mm, of which the paper says "
-        f"nothing, make it {values.min():.2f} to {values.max():.2f} {claim.unit}."
+        decides,
     )
 
 

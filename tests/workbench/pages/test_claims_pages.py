@@ -2,7 +2,6 @@
 
 import re
 
-import pandas as pd
 import pytest
 
 from workbench.cli import QUESTION_WIDTH, main
@@ -64,32 +63,6 @@ def test_a_criterion_is_printed_once(pages):
     for criterion in {c.criterion for c in CLAIMS if len(c.criterion) > 60}:
         rows = [c for c in CLAIMS if criterion in c.criterion]
         assert text.count(claims_pages.escaped(criterion)) == len(rows), criterion
-
-
-def board_of(**verdicts):
-    rows = [(no.removeprefix("c"), verdict) for no, verdict in verdicts.items()]
-    return pd.DataFrame(rows, columns=["no", "verdict"])
-
-
-def test_the_answer_counts_claims_and_not_their_forms():
-    text = claims_pages.answer(
-        board_of(c1="match", c1a="match", c2="differs", c2a="match", c3="undecided", c4="match")
-    )
-    assert text.startswith(
-        "Of the paper's 4 claims 2 match, 1 is undecided, 1 fares otherwise in one form than in another."
-    )
-
-
-def test_the_answer_counts_every_claim(pages):
-    counts = [int(n) for n in re.findall(r"\d+", pages["answer"])]
-    claims = {re.match(r"\d+", c.no)[0] for c in CLAIMS if not c.is_ours}
-    assert counts[0] == len(claims) == sum(counts[1:])
-
-
-def test_what_was_not_run_is_no_verdict():
-    text = claims_pages.answer(board_of(c1="match", c1a="not run", c2="not run"))
-    assert text.startswith("Of the paper's 1 claims 1 matches.")
-    assert "2 of the 3 rows were not run here." in text
 
 
 def test_protocol_has_trials_quotes_and_log(pages):

@@ -7,29 +7,24 @@ import pandas as pd
 import pytest
 
 from workbench.pages import report_pages
+from workbench.pages.claims_pages import escaped
 from workbench.studies.protocol import load_deviations
+from workbench.studies.ranges import load_ranges
+from workbench.studies.scoreboard import essential_rows
 
 ROOT = Path(__file__).resolve().parents[3]
 ASSUMPTIONS = (ROOT / "book" / "assumptions.md").read_text(encoding="utf-8")
 TABLE = pd.read_csv(ROOT / "data" / "sensitivity.csv", keep_default_na=False, na_values=[""])
 
 
-def test_the_answer_is_one_sentence_with_the_boards_numbers(board):
-    text = report_pages.answer(board)
-    plain = re.sub(r"\d\.\d|Fig\.", "", text)
-    assert plain.count(".") == 1, "one sentence"
-    results = pd.read_csv(ROOT / "data" / "claims_results.csv").set_index("check")
-    for check in (
-        *("replication_position", "calibrated_position", "share_saved_paper_trinocular"),
-        *("plain_mean", "plain_mean_rendered"),
-    ):
-        assert f"{results.loc[check, 'value']:.3g}" in text
-
-
-def test_an_answer_that_the_board_contradicts_stops_the_build(board):
-    changed = board.assign(verdict=board["verdict"].mask(board["no"] == "17", "match"))
-    with pytest.raises(ValueError, match=r"claim 17: the answer says 'differs', the board 'match'"):
-        report_pages.answer(changed)
+def test_every_question_stands_once_under_its_verdicts(board):
+    text = report_pages.front(board)
+    for question, rows in essential_rows(board).items():
+        (line,) = [line for line in text.splitlines() if escaped(question) in line]
+        verdicts = set(rows["verdict"])
+        group = verdicts.pop() if len(verdicts) == 1 else "mixed"
+        assert line.startswith(f"- **{report_pages.FARES[group]}:**")
+        assert all(f"<claim-{no}>" in line for no in rows["no"])
 
 
 def test_every_claim_stands_in_the_table_of_kinds(board):
@@ -40,6 +35,7 @@ def test_every_claim_stands_in_the_table_of_kinds(board):
 def test_every_assumption_is_varied_or_it_is_said_why_not():
     there = set(re.findall(r"\{#a(\d+)\}", ASSUMPTIONS))
     varied = {no.removeprefix("A") for no in TABLE["assumption"]}
+    varied |= {one.assumption.removeprefix("A") for one in load_ranges()}
     spared = {no.removeprefix("A") for no in report_pages.NOT_VARIED}
     assert varied | spared == there
     assert not varied & spared
@@ -146,23 +142,13 @@ def test_the_shipped_table_names_how_many_may_be_chance():
     assert f"and {len(out)} are shown" in text
 
 
-def test_what_does_not_replicate_has_the_boards_numbers(board):
-    text = report_pages.short(board)
-    results = pd.read_csv(ROOT / "data" / "claims_results.csv").set_index("check")["value"]
-    lost = 12 - round(12 * results["long_share_tracked_printed"])
-    assert f"in {lost} of 12 clips of a second (95 %: 32% to 81%)" in text
-    assert f"the images make {results['replication_position'] / 0.31:.0%} of the printed" in text
-    assert f"on a flat board {results['calibrated_position'] / 0.31:.0%}" in text
-
-
 @pytest.mark.parametrize("page", ["report", "scoreboard", "start"])
 def test_the_answer_stands_first(page):
     """Before any other part that the build writes, and before the verdicts."""
     text = (ROOT / "book" / f"{page}.md").read_text(encoding="utf-8")
     first = text.index("generated/report/cause.md")
-    for other in ("report/answer.md", "claims/answer.md", "report/short.md", "film.html"):
+    for other in ("report/front.md", "claims/essential.md", "film.html"):
         assert other not in text or first < text.index(other)
-    assert "most clips" not in text
 
 
 def test_environment_has_versions_machine_and_hashes(tmp_path):

@@ -30,7 +30,11 @@ KNOWN = {
     # deg: atan of hypot(1280/2956, 1024/2940), and of half of it
     "whole_sides": (29.05, 15.52, 0.02),
     "black_pixels": (0.0, 1.0, 0.0),
-    "resting_handle": (22 / 30, np.inf, 1e-9),  # s: 45 * 0.95^k falls to 15 between k = 21 and 22
+    "resting_handle": (
+        110 / 30,
+        np.inf,
+        1e-9,
+    ),  # s: 45 * 0.99^k falls to 15 between k = 109 and 110
     "late_observation": (500 / 30, 0.0, 1e-9),  # px
     "noisy_prediction": (None, 2.0, 0.25),
     # px: sqrt(2^2 + q dt^5 / 20), and with (500 dt)^2 and (3000 dt^2 / 2)^2 added under the root

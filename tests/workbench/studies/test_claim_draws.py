@@ -423,8 +423,8 @@ def test_the_time_of_a_search_is_that_in_the_window_and_in_all_of_the_image(monk
 
 
 def test_a_long_clip_is_a_clip_of_a_second_by_other_names(monkeypatch):
-    monkeypatch.setattr(claim_draws, "clip", lambda k, seed, length: {"x": (k + seed, length)})
-    assert claim_draws.long_clip(1, 5) == {"long_x": (6, 30)}
+    monkeypatch.setattr(claim_draws, "clip", lambda *of: {"x": of})
+    assert claim_draws.long_clip(1, 5) == {"long_x": (1, 5, 30, True)}
 
 
 # --- the slave's arm

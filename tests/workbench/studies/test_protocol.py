@@ -16,6 +16,7 @@ from workbench.studies.protocol import (
     load_trials,
     logged_hashes,
 )
+from workbench.studies.ranges import load_ranges
 
 CLAIMS = load_claims()
 ROWS = load_trials()
@@ -74,7 +75,8 @@ def test_row_says_what_it_is(row):
 
 
 def test_every_trial_is_drawn_and_used():
-    assert set(ROWS) == set(TRIALS) == {c.trial for c in CLAIMS if c.trial}
+    used = {c.trial for c in CLAIMS if c.trial} | {one.trial for one in load_ranges()}
+    assert set(ROWS) == set(TRIALS) == used
     seeds = [trial.seed for trial in ROWS.values()]
     assert len(set(seeds)) == len(seeds)
     assert min(seeds) > 1700

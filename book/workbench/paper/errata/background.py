@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from trinolab.background import difference, update
+from trinolab.background import BackgroundParameters, difference, update
 
 from ..ledger import Effect
 
@@ -14,7 +14,7 @@ from ..ledger import Effect
 BACKGROUND = 45.0
 HANDLE = 90.0
 THRESHOLD = 15.0
-UPDATE_RATE = 0.05
+UPDATE_RATE = BackgroundParameters().update_rate  # the assumed one
 FRAME_RATE = 30.0  # a second
 
 

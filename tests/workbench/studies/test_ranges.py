@@ -1,0 +1,89 @@
+"""The rule of the front: a verdict holds over the whole range, or is undecided and the row says why."""
+
+from types import SimpleNamespace
+
+import pandas as pd
+import pytest
+
+from trinolab.datasets import data_path
+from workbench.studies import ranges
+from workbench.studies.protocol import load_claims, load_trials
+from workbench.studies.scoreboard import drawn_results
+
+CLAIMS = {claim.no: claim for claim in load_claims()}
+FRONT = [no for no, claim in CLAIMS.items() if claim.question is not None]
+TABLE = pd.read_csv(data_path("sensitivity.csv"))
+
+
+def other(verdict, instead="other"):
+    return ranges.Elsewhere("A1", instead, 0.5, 0.4, 0.6, verdict)
+
+
+def test_every_row_of_the_front_has_a_range_or_nothing_open():
+    open_ = {no for one in ranges.load_ranges() for no in one.checks}
+    closed = set(ranges.load_closed())
+    varied = open_ | {no for no in ("5", "6", "7", "8")}
+    assert varied | closed == set(FRONT)
+    assert not varied & closed
+
+
+def test_each_range_is_drawn_by_a_trial_and_names_an_assumption():
+    page = (data_path("claims.toml").parents[1] / "book" / "assumptions.md").read_text("utf-8")
+    for one in ranges.load_ranges():
+        assert one.trial in load_trials()
+        assert f"[{one.assumption}]{{#{one.assumption.lower()}}}" in page
+        assert set(one.checks) <= set(FRONT)
+
+
+@pytest.mark.parametrize(
+    ("others", "verdict"),
+    [
+        ([], "match"),
+        (["match", "match"], "match"),
+        (["match", "not run"], "match"),
+        (["match", "differs"], "undecided"),
+        (["match", "undecided"], "undecided"),
+    ],
+)
+def test_a_verdict_holds_over_the_whole_range(others, verdict):
+    assert ranges.over_range("match", [other(one) for one in others]) == verdict
+
+
+def test_the_row_says_what_decides_it():
+    others = [other("undecided", "a"), other("differs", "b"), other("match", "c")]
+    text = ranges.deciding("match", others)
+    assert text == "As assumed: match. Decided by b (A1): 0.5 (0.4 to 0.6), differs; and 1 more."
+    text = ranges.deciding("match", [other("undecided", "a")])
+    assert text == "As assumed: match. Not shown with a (A1): 0.5 (0.4 to 0.6), undecided."
+    three = [other("match")] * 3
+    assert ranges.deciding("match", three) == "Other choices tried: 3; it holds with each."
+    assert ranges.deciding("match", [*three, other("not run")]).endswith(" Not run: 1.")
+    assert ranges.deciding("undecided", [other("undecided")]) == ""
+    assert ranges.deciding("undecided", [other("differs", "b")]).endswith("to 0.6), differs.")
+    assert ranges.deciding("match", []) == ""
+
+
+def test_a_difference_of_the_table_is_added_interval_to_interval():
+    base = SimpleNamespace(value=0.46, low=0.44, high=0.48)
+    rows = ranges.elsewhere(CLAIMS["6"], base, {})
+    four = next(row for row in rows if row.instead == "markers of 4 mm")
+    (line,) = TABLE[(TABLE["claim"] == "6b") & (TABLE["instead"] == four.instead)].itertuples()
+    assert four.value == pytest.approx(0.46 + line.difference)
+    assert four.low == pytest.approx(0.44 + line.low)
+    assert four.high == pytest.approx(0.48 + line.high)
+    assert len(rows) == TABLE[TABLE["claim"] == "6b"]["difference"].notna().sum()
+
+
+def test_what_is_not_run_is_listed():
+    base = SimpleNamespace(value=1.0, low=0.9, high=1.0)
+    rows = ranges.elsewhere(CLAIMS["12b"], base, {})
+    assert {row.verdict for row in rows} == {"not run"}
+
+
+def test_what_is_run_is_in_the_results_and_the_rest_is_named():
+    """A range that its trial does not draw yet is listed as not run, and no other is missing."""
+    results = drawn_results()
+    draws = pd.read_csv(data_path("claims_draws.csv"))
+    for one in ranges.load_ranges():
+        drawn = set(draws[draws["trial"] == one.trial]["check"])
+        assert set(one.checks.values()) & drawn == set(one.checks.values()) & set(results)
