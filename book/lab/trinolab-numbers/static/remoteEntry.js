@@ -1,4 +1,6 @@
-// Numbers in a chapter's text, in JupyterLab as on the page.
+// A chapter in JupyterLab as on its page.
+//
+// Cells that the page folds are folded, and the cell of the parameters says that it is meant to be changed.
 //
 // A chapter stores a number once, myst_nb.glue("lamp_s", 1.23), and its text quotes it by the role
 // {glue:text}`lamp_s:.1f`. The pages resolve that when they are built. In JupyterLab jupyterlab-myst
@@ -9,7 +11,10 @@
 const ROLE = /\{glue:text\}`([^`]+)`/g;
 const RECORD = "application/papermill.record/text/plain";
 const NOT_YET = "…";
-const STYLE = '.myst a[aria-label="Link to this Equation"] { display: none; }';
+const STYLE = `
+  .myst a[aria-label="Link to this Equation"] { display: none; }
+  .trinolab-parameters::before { content: "The parameters: change these, and run the chapter again."; font-weight: 600; }
+`;
 
 /** A stored value in one of Python's formats: .2f, +.3f, .0%, .3g, g, or none. */
 function formatted(stored, format) {
@@ -69,6 +74,19 @@ function fill(notebook) {
   }
 }
 
+/** Fold the cells that the page folds, without a change of the file, and mark the parameters. */
+function fold(notebook) {
+  for (const cell of notebook.widgets) {
+    const tags = cell.model.getMetadata("tags") ?? [];
+    cell.toggleClass("trinolab-parameters", tags.includes("parameters"));
+    if (!tags.includes("hide-input")) continue;
+    const kept = cell.syncCollapse;
+    cell.syncCollapse = false;
+    cell.inputHidden = true;
+    cell.syncCollapse = kept;
+  }
+}
+
 function activate(app) {
   const known = new WeakSet();
   let waiting = false;
@@ -87,6 +105,7 @@ function activate(app) {
       if (!known.has(notebook.model)) {
         known.add(notebook.model);
         notebook.model.contentChanged.connect(soon);
+        fold(notebook);
       }
       fill(notebook);
     }
