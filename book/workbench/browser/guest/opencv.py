@@ -274,18 +274,18 @@ def connectedComponents(
     return returned, _into(labels, results[0])
 
 
-def connectedComponentsWithAlgorithm(
-    image: Any, connectivity: int, ltype: int, ccltype: int
-) -> Any:
-    """OpenCV.js has one algorithm; all give the same components."""
-    return connectedComponents(image, None, connectivity, ltype)
-
-
 def connectedComponentsWithStats(image: Any, connectivity: int = 8, ltype: int = 4) -> Any:
     returned, results, _ = _call(
         "connectedComponentsWithStats", image, OUT, OUT, OUT, connectivity, ltype
     )
     return (returned, *results)
+
+
+def connectedComponentsWithStatsWithAlgorithm(
+    image: Any, connectivity: int, ltype: int, ccltype: int
+) -> Any:
+    """OpenCV.js has one algorithm; all give the same components."""
+    return connectedComponentsWithStats(image, connectivity, ltype)
 
 
 def findContours(image: Any, mode: int, method: int, offset: Any = (0, 0)) -> Any:

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from . import door, frames, substitutes
+from . import door, substitutes
 
 REQUEST = Path("/tmp/request.json")
 CELLS = Path("/tmp/cells")
@@ -55,6 +55,8 @@ def _find_recordings(folder: Path) -> None:
     machine that computed it.
     """
     from trinolab.bench import rendering
+
+    from . import frames
 
     rendered = rendering.cached_folder
 
