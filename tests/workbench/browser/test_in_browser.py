@@ -8,6 +8,7 @@ import time
 from urllib.parse import urlsplit
 
 import pytest
+from processes import wait_until
 
 from workbench.browser import numbers
 from workbench.browser.numbers import serving, wait_until_idle
@@ -51,13 +52,6 @@ def page(browser, address):
 def run(browser, *cells):
     browser.evaluate(f"void book.run({list(cells)}.map(k => book.cells[k]))")
     wait_until_idle(browser)
-
-
-def wait_for(condition):
-    deadline = time.monotonic() + 60
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.1)
 
 
 def says(browser, cell):
@@ -174,8 +168,8 @@ def test_the_editor_offers_names_of_the_session(page):
         f"(book.cells[{BY_HAND}].editor.mirror)"
     )
     names = "[...document.querySelectorAll('.CodeMirror-hint')].map(one => one.textContent)"
-    wait_for(lambda: page.evaluate(names))
-    assert page.evaluate(names) == ["isfinite"]
+    wait_until(lambda: page.evaluate(names))
+    assert page.evaluate(names) == ["math.isfinite"]
     put_back(page, BY_HAND)
 
 
@@ -189,7 +183,7 @@ def test_a_link_carries_a_source_and_leaves_what_the_reader_has_written(browser,
     browser.open("about:blank")
     browser.open(link)
     source = f"book.cells[{BY_HAND}].source"
-    wait_for(lambda: browser.evaluate(source) == "print('für alle')")
+    wait_until(lambda: browser.evaluate(source) == "print('für alle')")
     assert says(browser, BY_HAND) == "from the link, not run yet"
     browser.open("about:blank")
     browser.open(f"{address}/{PAGE}")

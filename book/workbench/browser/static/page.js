@@ -6,7 +6,7 @@ import { show } from './outputs.js';
 import { Runtime } from './runtime.js';
 
 const MBIT_S = 50;
-const START_S = 12; // to a first figure, from files that are there (tests/benchmarks/bench_browser.py)
+const START_S = 15; // of the processor, to a first figure (tests/benchmarks/bench_browser.py)
 const PAGE = location.pathname.split('/').at(-1).replace('.html', '');
 
 /** What the reader has written in place of a source, kept in this browser. */
@@ -184,7 +184,7 @@ class Book {
         Runtime.about().then(({ name, bytes, numbers }) => {
             const seconds = Math.round(8 * bytes / MBIT_S / 1e6);
             this.say(`Cells run here, on ${name}. The first run loads ${Math.round(bytes / 1e6)} MB, once: ${seconds} s at ${MBIT_S} Mbit/s, `
-                + `and ${START_S} s until Python has its packages.`);
+                + `and ${START_S} s of computing until a first figure.`);
             if (numbers) this.bar.append(element('a', { href: '../browser_numbers.html', textContent: 'Numbers of two platforms' }));
         });
     }
