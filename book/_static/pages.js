@@ -10,3 +10,12 @@ document.addEventListener('DOMContentLoaded', () => {
         one.setAttribute('aria-label', `Pages below ${one.parentElement.previousElementSibling.textContent}`);
     }
 });
+
+// A table that is wider than its place is scrolled by keys, too.
+function letScroll() {
+    for (const one of document.querySelectorAll('.pst-scrollable-table-container')) {
+        one.tabIndex = one.scrollWidth > one.clientWidth ? 0 : -1;
+    }
+}
+addEventListener('load', letScroll);
+addEventListener('resize', letScroll);

@@ -216,7 +216,7 @@ def test_exercises_fit_a_page_of_400_px(page):
     page.resize(400)
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
     ends = page.evaluate(
-        "[...document.querySelectorAll('.browser-exercise, .browser-exercise *, .browser-course')]"
+        "[...document.querySelectorAll('.browser-exercise, .browser-exercise :not(.CodeMirror *), .browser-course')]"
         ".map(one => one.getBoundingClientRect().right)"
     )
     assert max(ends) <= 400
