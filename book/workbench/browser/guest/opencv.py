@@ -240,11 +240,6 @@ def compare(first: np.ndarray, second: Any, cmpop: int) -> np.ndarray:
     return operator(first, second).view(np.uint8) * np.uint8(255)
 
 
-def copyTo(src: np.ndarray, mask: np.ndarray, dst: np.ndarray) -> np.ndarray:
-    np.copyto(dst, src, where=mask != 0)
-    return dst
-
-
 def split(image: np.ndarray) -> tuple[np.ndarray, ...]:
     return tuple(np.ascontiguousarray(image[..., k]) for k in range(image.shape[2]))
 
@@ -252,11 +247,6 @@ def split(image: np.ndarray) -> tuple[np.ndarray, ...]:
 def mean(src: np.ndarray, mask: np.ndarray | None = None) -> tuple[float, ...]:
     values = src if mask is None else src[mask != 0]
     return (float(values.mean(dtype=float)) if values.size else 0.0, 0.0, 0.0, 0.0)
-
-
-def accumulate(src: np.ndarray, dst: np.ndarray) -> np.ndarray:
-    dst += src
-    return dst
 
 
 def accumulateWeighted(src: np.ndarray, dst: np.ndarray, alpha: float) -> np.ndarray:
@@ -429,22 +419,6 @@ def _distortions(distCoeffs: Any) -> np.ndarray:
 
 def Rodrigues(src: Any) -> Any:
     _, results, _ = _call("Rodrigues", np.asarray(src, float), OUT, OUT)
-    return results[0], results[1]
-
-
-def projectPoints(
-    objectPoints: Any, rvec: Any, tvec: Any, cameraMatrix: Any, distCoeffs: Any
-) -> Any:
-    _, results, _ = _call(
-        "projectPoints",
-        objectPoints,
-        np.asarray(rvec, float),
-        np.asarray(tvec, float),
-        np.asarray(cameraMatrix, float),
-        _distortions(distCoeffs),
-        OUT,
-        OUT,
-    )
     return results[0], results[1]
 
 
