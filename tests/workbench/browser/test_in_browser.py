@@ -85,7 +85,7 @@ def test_a_cell_runs_and_shows_what_it_prints_in_place_of_the_stored_output(page
 
 def test_run_all_above_runs_those_and_not_the_cell_itself(page):
     page.evaluate("book.cells.forEach(one => one.say(''))")
-    page.click(f"[aria-label='Run all cells above cell {BY_HAND + 2}']")
+    page.click(f"[aria-label='Run all above cell {BY_HAND + 2}']")
     wait_until_idle(page)
     assert all(says(page, cell).startswith("ran here") for cell in range(BY_HAND + 1))
     assert says(page, BY_HAND + 1) == ""
@@ -195,7 +195,7 @@ def test_each_button_has_a_name_and_the_tabulator_key_reaches_it(page):
     page.evaluate("document.querySelector(\"[aria-label='Run cell 4']\").focus()")
     page.press("Tab")
     name = page.evaluate("document.activeElement.getAttribute('aria-label')")
-    assert name == "Run all cells above cell 4"
+    assert name == "Run all above cell 4"
     unnamed = "[...document.querySelectorAll('.browser-button')].filter(b => !b.ariaLabel).length"
     assert page.evaluate(unnamed) == 0
 

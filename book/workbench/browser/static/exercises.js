@@ -52,7 +52,7 @@ class Answer {
             element('p', { className: 'browser-label', textContent: 'Your answer' }), this.editor.place,
             element('div', { className: 'browser-tools' },
                 button('Check', () => exercises.check(this), `Check exercise ${this.number}`), this.stopButton,
-                button('Begin anew', () => this.beginAnew(), `Begin exercise ${this.number} anew`), this.status),
+                button('Begin anew', () => this.beginAnew(), `Begin anew: exercise ${this.number}`), this.status),
             this.result, this.said);
         place.setAttribute('role', 'group');
         place.setAttribute('aria-label', `Answer to exercise ${this.number}`);

@@ -38,11 +38,11 @@ class Cell {
         this.toggle = button('Stored output', () => this.showStored(this.output.hidden));
         this.toggle.hidden = true;
         this.editButton = button('Edit', () => this.turn(), `Edit cell ${number + 1}`);
-        this.linkButton = button('Copy link', () => this.copyLink(), `Copy a link to cell ${number + 1} as it is now`);
+        this.linkButton = button('Copy link', () => this.copyLink(), `Copy link to cell ${number + 1}`);
         this.linkButton.hidden = true;
         this.tools = element('div', { className: 'browser-tools' },
             button('Run', () => book.run([this]), `Run cell ${number + 1}`),
-            button('Run all above', () => book.run(book.cells.slice(0, number)), `Run all cells above cell ${number + 1}`),
+            button('Run all above', () => book.run(book.cells.slice(0, number)), `Run all above cell ${number + 1}`),
             this.editButton, this.linkButton, this.toggle, this.status);
         place.append(this.tools, this.result);
         if (this.output) place.append(this.output);
@@ -77,8 +77,13 @@ class Cell {
         this.input.replaceWith(this.editor.place);
         this.editor.place.closest('details')?.setAttribute('open', '');
         this.editor.mirror.refresh();
-        this.editButton.textContent = 'Back to the book\u2019s';
+        this.name('Back to the book\u2019s');
         this.linkButton.hidden = false;
+    }
+
+    name(text) {
+        this.editButton.textContent = text;
+        this.editButton.ariaLabel = `${text} cell ${this.number + 1}`;
     }
 
     /** Show the stored source again. */
@@ -86,7 +91,7 @@ class Cell {
         this.editor.place.replaceWith(this.input);
         this.editor = null;
         Edits.keep(this, this.stored);
-        this.editButton.textContent = 'Edit';
+        this.name('Edit');
         this.linkButton.hidden = true;
     }
 
