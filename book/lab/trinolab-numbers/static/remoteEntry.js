@@ -74,9 +74,13 @@ function fill(notebook) {
   }
 }
 
-/** Fold the cells that the page folds, without a change of the file, and mark the parameters. */
+const folded = new WeakSet();
+
+/** Fold the cells that the page folds, each once and without a change of the file; mark the parameters. */
 function fold(notebook) {
   for (const cell of notebook.widgets) {
+    if (folded.has(cell.model)) continue;
+    folded.add(cell.model);
     const tags = cell.model.getMetadata("tags") ?? [];
     cell.toggleClass("trinolab-parameters", tags.includes("parameters"));
     if (!tags.includes("hide-input")) continue;
@@ -105,8 +109,8 @@ function activate(app) {
       if (!known.has(notebook.model)) {
         known.add(notebook.model);
         notebook.model.contentChanged.connect(soon);
-        fold(notebook);
       }
+      fold(notebook);
       fill(notebook);
     }
   };
