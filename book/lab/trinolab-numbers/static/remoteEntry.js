@@ -84,10 +84,8 @@ function fold(notebook) {
     const tags = cell.model.getMetadata("tags") ?? [];
     cell.toggleClass("trinolab-parameters", tags.includes("parameters"));
     if (!tags.includes("hide-input")) continue;
-    const kept = cell.syncCollapse;
     cell.syncCollapse = false;
     cell.inputHidden = true;
-    cell.syncCollapse = kept;
   }
 }
 
