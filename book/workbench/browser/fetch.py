@@ -49,11 +49,11 @@ PIECES = {
         "opencvjs-web-5.0.0-release.2.tgz",
         "ae2c8a5ee67a0bf814135948c1ef0f18059970b99ae50e8c3d6711f606a8bbf8",
     ),
-    "pyodide": Piece(
+    "editor": Piece(
         "npm",
-        "pyodide@314.0.7",
-        "pyodide-314.0.7.tgz",
-        "66b7949e5a0cba2250b586d7e368bf12fb482800748d182c4618254b685ffaa0",
+        "codemirror@5.65.20",
+        "codemirror-5.65.20.tgz",
+        "0ef6484ea4f71c28c6b3dd146349e79786762fc4b42e5b33befea6201c7fa6c8",
     ),
 }
 

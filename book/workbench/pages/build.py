@@ -97,6 +97,16 @@ INDEX = """<!doctype html>
 <body><main><h1>trinolab</h1><p><a href="book/start.html">The book</a></p></main></body>
 </html>
 """
+# Shown by a host at any address that it does not know, so that no relative link would do.
+NOT_FOUND = """<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<title>trinolab: no such page</title>
+</head>
+<body><main><h1>No such page</h1><p><a href="/">To the beginning</a></p></main></body>
+</html>
+"""
 
 
 class Job(NamedTuple):
@@ -492,6 +502,7 @@ def build_pages() -> bool:
     if subprocess.run(pages, cwd=ROOT, stdin=subprocess.DEVNULL).returncode != 0:
         return False
     write_whole(HTML / "index.html", INDEX)
+    write_whole(HTML / "404.html", NOT_FOUND)
     write_crate()
     write_whole(PAGES_MADE_FROM, now)
     return True
@@ -525,7 +536,7 @@ def run_pages(folder: Path) -> int:
 
 
 def write_reference() -> None:
-    """Write the API reference, the commands' help, the picture of the house, the parts of the pages
+    """Write the API reference, the commands' help, the table of the folders, the parts of the pages
     of the claims, of the course and of the report, the article, all as the package is now, the links to where it
     runs, and what the start page and the book in an hour show of the chapters.
     """

@@ -45,6 +45,12 @@ def read_board(path: Path) -> pd.DataFrame:
     )
 
 
+def signed(verdict: str) -> str:
+    """A verdict behind its sign, which is seen before the word is read."""
+    signs = {"match": "✓ ", "met": "✓ ", "differs": "✗ "}
+    return signs.get(verdict, "") + verdict
+
+
 def board_table(board: pd.DataFrame) -> str:
     """A board as a table of three columns, which a narrow screen has room for: the row; claim,
     verdict and reason; both numbers and the criterion.
@@ -52,7 +58,7 @@ def board_table(board: pd.DataFrame) -> str:
     rows = [
         (
             str(row.no),
-            f"{row.claim} <br> **{row.verdict}**: {row.reason} {row.sensitivity}".rstrip(),
+            f"{row.claim} <br> **{signed(row.verdict)}**: {row.reason} {row.sensitivity}".rstrip(),
             f"{numbers_of(row)} <br> *{row.kind}*: {row.criterion}",
         )
         for row in board.itertuples()
@@ -70,11 +76,11 @@ def essential_table(board: pd.DataFrame) -> str:
         numbers, reasons = [], []
         for row in some.itertuples():
             paper = "" if row.paper == "yes" else f"paper {row.paper}, ours "
-            numbers.append(f"{row.no} **{row.verdict}**: {paper}{value_of(row)}")
+            numbers.append(f"{row.no} **{signed(row.verdict)}**: {paper}{value_of(row)}")
             reason = escaped(f"{row.reason} {row.sensitivity}".rstrip())
             reasons.append(
                 f"{row.no}. {escaped(row.claim)} *{row.kind}*: {escaped(row.criterion)} "
-                f"**{row.verdict}** ({sampled(row)}): {reason}"
+                f"**{signed(row.verdict)}** ({sampled(row)}): {reason}"
             )
         folded = "\n\n".join(
             ["<details><summary>Criterion and reason</summary>", *reasons, "</details>"]

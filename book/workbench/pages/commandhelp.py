@@ -3,14 +3,15 @@ commands.
 
     .venv/bin/python -m workbench.pages.commandhelp
 
-writes ``_build/generated/commands/NAME.md`` for each command, and ``limits.md``; ``book/commands.md``
-includes them.
+writes ``_build/generated/commands/NAME.md`` for each command, the list of them ``list.md``, and
+``limits.md``; ``book/commands.md`` includes them.
 """
 
 from __future__ import annotations
 
 import io
 import os
+import re
 from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from unittest.mock import patch
@@ -32,11 +33,18 @@ def help_text(*command: str) -> str:
     return output.getvalue()
 
 
-def names() -> list[str]:
-    """The commands, in the order in which the program lists them."""
-    lines = help_text().partition("COMMAND\n")[2].partition("\n\n")[0].splitlines()
+def commands() -> dict[str, str]:
+    """What each command does, in the order in which the program lists them."""
+    lines = help_text().partition("COMMAND\n")[2].partition("\n\n")[0]
     # a command's name is indented by four, what it does by more
-    return [line.split()[0] for line in lines if line[:4].isspace() and not line[4].isspace()]
+    entries = (entry.split() for entry in re.split(r"^ {4}(?=\S)", lines, flags=re.MULTILINE)[1:])
+    return {name: " ".join(words) for name, *words in entries}
+
+
+def command_table() -> str:
+    """The commands, each with a link to its section, as a table of Markdown."""
+    rows = [f"| {{ref}}`{name} <command-{name}>` | {does} |" for name, does in commands().items()]
+    return "\n".join(["| command | what it does |", "|---|---|", *rows]) + "\n"
 
 
 def limits_table() -> str:
@@ -78,9 +86,12 @@ def _mib(count: int) -> str:
 
 
 def write_help(folder: Path = GENERATED) -> None:
-    """Write the help of each command, and the limits, into a folder that is made if need be."""
+    """Write the help of each command, their list, and the limits into a folder that is made if need
+    be.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    for name in names():
+    (folder / "list.md").write_text(command_table(), encoding="utf-8")
+    for name in commands():
         page = f"```text\n{help_text(name)}```\n"
         (folder / f"{name}.md").write_text(page, encoding="utf-8")
     (folder / "limits.md").write_text(limits_table(), encoding="utf-8")

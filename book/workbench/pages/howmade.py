@@ -2,7 +2,7 @@
 which a link beside each of them leads; and what the pages were built with, below it. A Sphinx extension.
 
 Nothing here is typed by hand: the notebook as it was executed has the cells and their times, the
-build's ``made_from.json`` the hashes, the code of the notebook its seeds and the tables that it reads.
+build's ``made_from.json`` the hashes, the code of the notebook its seeds and the tables that it names.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import nbformat
 from docutils import nodes
 from myst_nb.ext.glue.roles import PasteTextRole
 
-from ..provenance import commit
+from ..provenance import commit, source_of
 from .tablesread import command_for, tables_read
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -36,26 +36,27 @@ HASHED = {
 
 
 class Cell(NamedTuple):
-    """What the card says of a cell: its number in the notebook, from 1 on, its name there, what it
-    reads, and when and how long it was run.
+    """What the card says of a cell: its number in the notebook, from 1 on, its name there, and when
+    and how long it was run.
     """
 
     number: int
     name: str
-    tables: list[str]
     start: datetime | None
     seconds: float | None
 
 
 class Chapter(NamedTuple):
     """A notebook as it was executed: its cells that are code, the cell of each glued number, its
-    seeds, the hashes of what it was made from, and the seconds of all of it.
+    seeds, the tables that it reads, the hashes of what it was made from, and the seconds of all of
+    it.
     """
 
     path: str
     cells: dict[int, Cell]
     glued: dict[str, int]
     seeds: list[str]
+    tables: list[str]
     count: int
     hashes: dict[str, str]
     seconds: float | None
@@ -76,9 +77,8 @@ def read_chapter(path: str, build: Path = BUILD) -> Chapter | None:
     if not executed.exists():
         return None
     notebook = nbformat.read(executed, as_version=4)
-    read = tables_read([cell.source if is_code(cell) else "" for cell in notebook.cells])
     cells = {
-        index: Cell(index + 1, cell.get("id", ""), read[index], *_times(cell))
+        index: Cell(index + 1, cell.get("id", ""), *_times(cell))
         for index, cell in enumerate(notebook.cells)
         if is_code(cell)
     }
@@ -88,6 +88,7 @@ def read_chapter(path: str, build: Path = BUILD) -> Chapter | None:
         cells,
         _glued(notebook),
         seeds,
+        tables_read(source_of(notebook)),
         len(notebook.cells),
         _stored(build / "made_from.json").get(name, {}),
         _stored(build / "seconds.json").get(name),
@@ -195,6 +196,7 @@ def card(
     leaves = f", which leaves it in _build/executed/{Path(chapter.path).name}"
     about += _field("Made again by", [nodes.literal(text=again), leaves])
     about += _field("Seed", [", ".join(chapter.seeds) or "none drawn"])
+    about += _field("Reads", _reads(chapter) or ["no shipped table"])
     about += _field("Commit", [said])
     hashes = [
         f"{what} {chapter.hashes[name][:SHOWN]}"
@@ -216,10 +218,8 @@ def card(
 
 
 def _rows(chapter: Chapter, made: list[tuple[Cell, nodes.section | None]]) -> nodes.table:
-    """The table of a card: of each cell its number, its section, the tables that it reads, and how
-    long it was run.
-    """
-    columns = (f"Cell of {chapter.count}", "In", "Reads", "Time, s")
+    """The table of a card: of each cell its number, its section, and how long it was run."""
+    columns = (f"Cell of {chapter.count}", "In", "Time, s")
     group = nodes.tgroup("", cols=len(columns))
     group += [nodes.colspec(colwidth=25) for _ in columns]
     body = nodes.tbody()
@@ -230,7 +230,6 @@ def _rows(chapter: Chapter, made: list[tuple[Cell, nodes.section | None]]) -> no
         row = nodes.row()
         row += _entry([_target(place), back, *name])
         row += _entry([] if section is None else [_heading(section)])
-        row += _entry(_reads(cell))
         row += _entry(["" if cell.seconds is None else f"{cell.seconds:.2f}"])
         body += row
     head = nodes.row()
@@ -250,10 +249,10 @@ def _heading(section: nodes.section) -> nodes.reference:
     return heading
 
 
-def _reads(cell: Cell) -> list[nodes.Node | str]:
-    """The tables that a cell reads, each with the command that makes it again."""
+def _reads(chapter: Chapter) -> list[nodes.Node | str]:
+    """The tables that a notebook reads, each with the command that makes it again."""
     parts: list[nodes.Node | str] = []
-    for table in cell.tables:
+    for table in chapter.tables:
         command = command_for(table)
         parts += ["; "] if parts else []
         parts += [nodes.literal(text=f"data/{table}")]

@@ -96,7 +96,7 @@ def contents(toc: dict[str, Any]) -> dict[str, Any]:
         }
         for part in toc["parts"]
     ]
-    return {**toc, "parts": parts}
+    return {**toc, "parts": [part for part in parts if part["chapters"]]}
 
 
 def setup(app: Any) -> dict[str, bool]:

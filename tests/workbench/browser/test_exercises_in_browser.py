@@ -91,10 +91,7 @@ def complete(browser, promise):
 
 def write(browser, place, source):
     """Put a source into the place of an answer, as a reader types it."""
-    browser.evaluate(
-        f"(one => {{ one.area.value = {json.dumps(source)};"
-        f" one.area.dispatchEvent(new Event('input')); }})(exercises.answers[{place}])"
-    )
+    browser.evaluate(f"exercises.answers[{place}].editor.value = {json.dumps(source)}")
 
 
 def checked(browser, place, source):
@@ -176,7 +173,7 @@ def test_answers_and_first_guesses_outlast_a_reload_and_are_in_the_files(
     write(browser, VALUES, "answer_04_1 = {'gain': 4 / 9")
     browser.open(f"{address}/{KALMAN}", before=SAVES)
     assert verdict(browser, FUNCTION).startswith("04.2 right:")
-    assert browser.evaluate(f"exercises.answers[{VALUES}].area.value").endswith("4 / 9")
+    assert browser.evaluate(f"exercises.answers[{VALUES}].editor.value").endswith("4 / 9")
     browser.evaluate("document.querySelectorAll('.browser-course button').forEach(b => b.click())")
     notebook, predictions = browser.evaluate("Promise.all(saved)")
 
@@ -199,17 +196,19 @@ def test_answers_and_first_guesses_outlast_a_reload_and_are_in_the_files(
 
 def test_keys_write_and_check_an_answer(page):
     page.evaluate(f"exercises.answers[{FUNCTION}].beginAnew()")
-    area = f"exercises.answers[{FUNCTION}].area"
-    page.evaluate(f"{area}.value = 'def f():'; {area}.focus(); {area}.setSelectionRange(8, 8)")
+    editor = f"exercises.answers[{FUNCTION}].editor"
+    page.evaluate(
+        f"{editor}.value = 'def f():'; {editor}.mirror.focus(); {editor}.mirror.setCursor(0, 8)"
+    )
     page.press("Enter")
-    assert page.evaluate(f"{area}.value") == "def f():\n    "
+    assert page.evaluate(f"{editor}.value") == "def f():\n    "
     page.press("Tab")
     assert page.evaluate("document.activeElement.ariaLabel") == "Check exercise 04.2"
     write(page, FUNCTION, RIGHT)
     page.press("Enter")
     wait_until(lambda: verdict(page, FUNCTION).startswith("04.2 right:"))
     page.evaluate(f"exercises.answers[{FUNCTION}].beginAnew()")
-    assert page.evaluate(f"{area}.value === exercises.answers[{FUNCTION}].stub")
+    assert page.evaluate(f"{editor}.value === exercises.answers[{FUNCTION}].stub")
 
 
 def test_exercises_fit_a_page_of_400_px(page):
@@ -217,7 +216,7 @@ def test_exercises_fit_a_page_of_400_px(page):
     page.resize(400)
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
     ends = page.evaluate(
-        "[...document.querySelectorAll('.browser-exercise, .browser-exercise *, .browser-course')]"
+        "[...document.querySelectorAll('.browser-exercise, .browser-exercise :not(.CodeMirror *), .browser-course')]"
         ".map(one => one.getBoundingClientRect().right)"
     )
     assert max(ends) <= 400

@@ -8,6 +8,7 @@ import time
 from urllib.parse import urlsplit
 
 import pytest
+from processes import wait_until
 
 from workbench.browser import numbers
 from workbench.browser.numbers import serving, wait_until_idle
@@ -64,13 +65,13 @@ def shown(browser, cell):
 def write(browser, cell, source):
     """Put a source into a cell, as a reader types it."""
     browser.evaluate(
-        f"(one => {{ if (!one.area) one.edit(); one.area.value = {json.dumps(source)};"
-        f" one.area.dispatchEvent(new Event('input')); }})(book.cells[{cell}])"
+        f"(one => {{ if (!one.editor) one.turn(); one.editor.value = {json.dumps(source)}; }})"
+        f"(book.cells[{cell}])"
     )
 
 
 def put_back(browser, cell):
-    browser.evaluate(f"book.cells[{cell}].area && book.cells[{cell}].edit()")
+    browser.evaluate(f"book.cells[{cell}].editor && book.cells[{cell}].turn()")
 
 
 def test_a_cell_runs_and_shows_what_it_prints_in_place_of_the_stored_output(page):
@@ -84,7 +85,7 @@ def test_a_cell_runs_and_shows_what_it_prints_in_place_of_the_stored_output(page
 
 def test_run_all_above_runs_those_and_not_the_cell_itself(page):
     page.evaluate("book.cells.forEach(one => one.say(''))")
-    page.click(f"[aria-label='Run all cells above cell {BY_HAND + 2}']")
+    page.click(f"[aria-label='Run all above cell {BY_HAND + 2}']")
     wait_until_idle(page)
     assert all(says(page, cell).startswith("ran here") for cell in range(BY_HAND + 1))
     assert says(page, BY_HAND + 1) == ""
@@ -142,19 +143,59 @@ def test_keys_reach_run_and_run_a_cell_from_its_source(page):
     assert says(page, BY_HAND).startswith("ran here")
     write(page, BY_HAND, "print(6 * 7)")
     page.evaluate(
-        f"book.cells[{BY_HAND}].area.dispatchEvent("
-        "new KeyboardEvent('keydown', {key: 'Enter', shiftKey: true, bubbles: true}))"
+        f"book.cells[{BY_HAND}].editor.mirror.getInputField().dispatchEvent("
+        "new KeyboardEvent('keydown', {key: 'Enter', keyCode: 13, shiftKey: true, bubbles: true}))"
     )
     wait_until_idle(page)
     assert shown(page, BY_HAND).strip() == "42"
     put_back(page, BY_HAND)
 
 
+def test_a_figure_that_is_run_anew_keeps_its_caption(page):
+    run(page, IMPORTS)
+    caption = (
+        f"book.cells[{IMPORTS}].result.querySelector('figcaption .caption-number').textContent"
+    )
+    assert page.evaluate(caption).strip() == "Fig. 4.1"
+
+
+def test_the_editor_offers_names_of_the_session(page):
+    write(page, BY_HAND, "import math")
+    run(page, BY_HAND)
+    write(page, BY_HAND, "math.isf")
+    page.evaluate(
+        f"(one => {{ one.focus(); one.setCursor(0, 8); one.options.extraKeys['Ctrl-Space'](); }})"
+        f"(book.cells[{BY_HAND}].editor.mirror)"
+    )
+    names = "[...document.querySelectorAll('.CodeMirror-hint')].map(one => one.textContent)"
+    wait_until(lambda: page.evaluate(names))
+    assert page.evaluate(names) == ["math.isfinite"]
+    put_back(page, BY_HAND)
+
+
+def test_a_link_carries_a_source_and_leaves_what_the_reader_has_written(browser, address):
+    browser.open(f"{address}/{PAGE}")
+    write(browser, BY_HAND, "print('für alle')")
+    browser.evaluate(f"book.cells[{BY_HAND}].copyLink()")
+    link = browser.evaluate("location.href")
+    assert f"#cell-{BY_HAND + 1}=" in link
+    write(browser, BY_HAND, "print('mine')")
+    browser.open("about:blank")
+    browser.open(link)
+    source = f"book.cells[{BY_HAND}].source"
+    wait_until(lambda: browser.evaluate(source) == "print('für alle')")
+    assert says(browser, BY_HAND) == "from the link, not run yet"
+    browser.open("about:blank")
+    browser.open(f"{address}/{PAGE}")
+    assert browser.evaluate(source) == "print('mine')"
+    put_back(browser, BY_HAND)
+
+
 def test_each_button_has_a_name_and_the_tabulator_key_reaches_it(page):
     page.evaluate("document.querySelector(\"[aria-label='Run cell 4']\").focus()")
     page.press("Tab")
     name = page.evaluate("document.activeElement.getAttribute('aria-label')")
-    assert name == "Run all cells above cell 4"
+    assert name == "Run all above cell 4"
     unnamed = "[...document.querySelectorAll('.browser-button')].filter(b => !b.ariaLabel).length"
     assert page.evaluate(unnamed) == 0
 
@@ -178,7 +219,7 @@ def test_a_reload_in_mid_run_loses_no_source_that_was_written(browser, address):
     assert browser.evaluate(f"book.cells[{BY_HAND}].source") == "while True:\n    pass  # mine"
     put_back(browser, BY_HAND)
     browser.open(f"{address}/{PAGE}")
-    assert browser.evaluate(f"book.cells[{BY_HAND}].area") is None
+    assert browser.evaluate(f"book.cells[{BY_HAND}].editor ?? null") is None
 
 
 def test_the_runtime_is_kept_and_no_request_leaves_the_page(browser, address):

@@ -6,10 +6,17 @@ import json
 import re
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
+from trinolab.bench.rendering import made_from, scripted, write_recording
+from trinolab.datasets import load_handle, load_rig
+from trinolab.files import recording
+from trinolab.files.images import read_grey
+from trinolab.files.recording_writer import write_image
 from workbench.browser import fetch, numbers, site
+from workbench.browser.guest import frames
 from workbench.pages.build import chapters
 
 PAGE = '<html><head></head><body><div class="cell docutils container"></div></body></html>'
@@ -42,12 +49,21 @@ def test_the_book_is_packed_as_in_a_checkout():
     assert not any("__pycache__" in name for name in packed)
 
 
-def test_a_release_of_pyodide_without_its_packages_is_refused(tmp_path):
-    names = {name: {"file_name": f"{name}.whl", "depends": []} for name in site.PYODIDE_PACKAGES}
-    lock = {"info": {"version": "1", "python": "3"}, "packages": names}
-    (tmp_path / "pyodide-lock.json").write_text(json.dumps(lock))
-    with pytest.raises(ValueError, match="has no files of jinja2, matplotlib"):
-        site._write_pyodide(tmp_path / "out", tmp_path)
+def test_an_image_of_a_recording_comes_back_from_its_difference(tmp_path, monkeypatch):
+    job = scripted("hard", load_rig("raised_40deg"), load_handle("coded"), 0, 1 / frames.FPS)
+    folder = tmp_path / "hard"
+    write_recording(job, folder, made_from(job, "hard"), progress=False, workers=1)
+    images = [read_grey(folder / "images" / name / "000000.png") for name in job.rig.names]
+    bench = frames.bench_of(folder)
+    held = [frames.difference(image, bench, 0, k) for k, image in enumerate(images)]
+    for name, one in zip(job.rig.names, held, strict=True):
+        write_image(one, folder / "images" / name / "000000.png")
+    monkeypatch.setattr(recording, "read_instants", recording.read_instants)
+    frames.read_from(tmp_path)
+    listed = recording.list_instants(folder / "images", job.rig)
+    (restored,) = recording.read_instants(listed, job.rig)
+    np.testing.assert_array_equal(restored, images)
+    assert np.mean(np.array(held) != 0) < 0.5
 
 
 def test_a_file_with_another_sum_is_refused(tmp_path, monkeypatch):

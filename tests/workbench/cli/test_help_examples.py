@@ -78,13 +78,13 @@ def ran(page, monkeypatch, capfd):
 # --- what the help says
 
 
-@pytest.mark.parametrize("command", commandhelp.names())
+@pytest.mark.parametrize("command", commandhelp.commands())
 def test_the_one_example_of_a_help_parses_and_is_tested_here(command):
     assert arguments.parser().parse_args(shlex.split(example(command))).command == command
     assert f"test_{command}" in globals()
 
 
-@pytest.mark.parametrize("command", commandhelp.names())
+@pytest.mark.parametrize("command", commandhelp.commands())
 def test_what_is_read_first_is_positional_and_all_numbers_have_a_unit(command):
     parser = arguments.parser()
     (commands,) = (a for a in parser._actions if hasattr(a, "choices") and a.choices)

@@ -44,10 +44,10 @@ def test_each_claim_stands_on_one_of_three_boards(pages):
 def test_a_row_shows_verdict_interval_sample_and_criterion(pages):
     row = pages["paper"].split("{#claim-12}\n")[1].split("\n* - ")[0]
     line = pages["essential"].split("{#claim-11} ")[1].split("\n* - ")[0]
-    for shown in ("11 **match**: 1 (0.969 to 1)", "**match** (n 120, seed 1706)"):
+    for shown in ("11 **✓ match**: 1 (0.969 to 1)", "**✓ match** (n 120, seed 1706)"):
         assert shown in line
     assert "in at least 0.95 of the cases" in line
-    assert "**match**" in row
+    assert "**✓ match**" in row
     assert "every instant is tracked" in row
 
 

@@ -15,11 +15,11 @@ PAGE = (Path(__file__).resolve().parents[3] / "book" / "commands.md").read_text(
 def test_each_command_has_its_section_in_the_order_of_its_use():
     assert re.findall(r"^### (\w+)$", PAGE, re.MULTILINE)[:3] == ["render", "track", "evaluate"]
     sections = re.findall(r"^\(command-(\w+)\)=\n### \1$", PAGE, re.MULTILINE)
-    assert sorted(sections) == sorted(commandhelp.names())
+    assert sorted(sections) == sorted(commandhelp.commands())
     assert len(sections) > 10
 
 
-@pytest.mark.parametrize("name", commandhelp.names())
+@pytest.mark.parametrize("name", commandhelp.commands())
 def test_help_is_what_the_command_says(name, tmp_path, capsys, monkeypatch):
     commandhelp.write_help(tmp_path)
     monkeypatch.setenv("COLUMNS", commandhelp.COLUMNS)
@@ -31,7 +31,7 @@ def test_help_is_what_the_command_says(name, tmp_path, capsys, monkeypatch):
 
 def test_no_line_is_wider_than_the_page_s_code():
     lines = [
-        line for name in commandhelp.names() for line in commandhelp.help_text(name).split("\n")
+        line for name in commandhelp.commands() for line in commandhelp.help_text(name).split("\n")
     ]
     assert max(map(len, lines)) <= 88
 

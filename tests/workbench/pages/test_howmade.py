@@ -26,52 +26,24 @@ built = pytest.mark.skipif(
 )
 
 
-def test_a_cell_shows_what_it_reads_and_what_the_cells_read_whose_names_it_uses():
-    sources = [
-        "# text",
-        'bounds = load_sweep("bound")\nother = datasets.load_sweep("stress")',
-        "best = bounds.min()\nrows = [row for row in bounds]",
-        "print(best, other)",
-        "best = 3.0",
-        "print(best)",
-        "%matplotlib inline",
-        'print(pd.read_csv(datasets.data_path("claims_results.csv")))',
-        'labels = {"speed": "v", "turn": "w"}\ncurves = {}\nfor name in labels:\n'
-        "    curves[name] = load_sweep(name)",
-        "draw(curves)",
-        "folder = data_path(*parts)",
-        "def least(bounds):\n    other = 1\n    return bounds.min() + other\nleast(3)",
-        "for bounds in [1, 2]:\n    if bounds:\n        print(bounds)",
-        "with open(1) as curves:\n    print(curves)",
-        "try:\n    best = other\nexcept ValueError:\n    pass",
-        "for row in best:\n    print(row)",
-        "def show(name):\n    draw(gallery.load(name))",
-        'show("blur")',
-        "print([best for best in range(3)])",
-    ]
-    bound, stress = "sweeps/bound.csv", "sweeps/stress.csv"
-    speeds = ["sweeps/speed.csv", "sweeps/turn.csv"]
-    assert tablesread.tables_read(sources) == [
-        [],
-        [bound, stress],
-        [bound],
-        [bound, stress],
-        [],
-        [],
-        [],
-        ["claims_results.csv"],
-        speeds,
-        speeds,
-        [],
-        [],
-        [],
-        [],
-        [stress],
-        [stress],
-        [],
-        ["sweeps/gallery/blur.csv"],
-        [],
-    ]
+@pytest.mark.parametrize(
+    ("code", "tables"),
+    [
+        (
+            'load_sweep("bound")\ndatasets.load_sweep("stress")',
+            ["sweeps/bound.csv", "sweeps/stress.csv"],
+        ),
+        (
+            'for name in ("speed", "turn"):\n    load_sweep(name)',
+            ["sweeps/speed.csv", "sweeps/turn.csv"],
+        ),
+        ('def show(name):\n    gallery.load(name)\nshow("blur")', ["sweeps/gallery/blur.csv"]),
+        ('pd.read_csv(datasets.data_path("claims_results.csv"))', ["claims_results.csv"]),
+        ('print("bound")\ndata_path(*parts)', []),
+    ],
+)
+def test_the_tables_of_a_notebook_are_those_that_its_code_names(code, tables):
+    assert tablesread.tables_read(code) == tables
 
 
 def test_every_shipped_table_has_the_command_that_makes_it():
@@ -143,8 +115,8 @@ def fields_and_rows(made):
 def test_the_card_says_it_all(build):
     chapter = howmade.read_chapter("notebooks/01_one.ipynb", build)
     section = nodes.section("", nodes.title(text="The gain"), ids=["the-gain"])
-    read = chapter.cells[3]._replace(tables=["sweeps/turn.csv", "table1.csv"])
-    cells = [(chapter.cells[2], section), (read, None)]
+    chapter = chapter._replace(tables=["sweeps/turn.csv", "table1.csv"])
+    cells = [(chapter.cells[2], section), (chapter.cells[3], None)]
     made = howmade.card(chapter, cells, "abc and changes")
     assert made[0].astext().count("<details") == made[-1].astext().count("</details>") == 1
     fields, (head, first, second) = fields_and_rows(made)
@@ -156,20 +128,20 @@ def test_the_card_says_it_all(build):
     assert fields["Commit"] == "abc and changes"
     assert fields["Hashes"].count("0123456789ab") == 4
     assert fields["Run"] == "2026-01-02, 21 s for the whole notebook"
-    assert head == ["Cell of 4", "In", "Reads", "Time, s"]
-    assert first[0].endswith("3 one-02")
-    assert first[1:] == ["The gain", "", "1.50"]
-    assert second[1:] == [
-        "",
+    assert fields["Reads"] == (
         "data/sweeps/turn.csv, made again by python -m workbench.studies factors --factor turn; "
-        "data/table1.csv",
-        "",
-    ]
+        "data/table1.csv"
+    )
+    assert head == ["Cell of 4", "In", "Time, s"]
+    assert first[0].endswith("3 one-02")
+    assert first[1:] == ["The gain", "1.50"]
+    assert second[1:] == ["", ""]
     links = [node["refid"] for node in made[2].findall(nodes.reference)]
     assert links == ["from-made-3", "the-gain", "from-made-4"]
-    bare = chapter._replace(cells={}, seeds=[], hashes={}, seconds=None)
+    bare = chapter._replace(cells={}, seeds=[], tables=[], hashes={}, seconds=None)
     fields, _ = fields_and_rows(howmade.card(bare, cells, ""))
     assert fields["Seed"] == "none drawn"
+    assert fields["Reads"] == "no shipped table"
     assert fields["Hashes"] == "none stored"
     assert fields["Run"] == "not recorded"
 

@@ -179,6 +179,19 @@ def test_a_reader_changes_alpha_and_moves_its_slider(browser, lab):
 
 
 @pytest.mark.heavy
+def test_a_chapter_opens_folded_as_on_its_page_unchanged_and_without_a_question(browser, lab):
+    reader = Reader(browser, lab, "06_matching")
+    panel = "jupyterapp.shell.currentWidget"
+    reader.sees(f"{panel}.content.widgets.some((one) => one.hasClass('trinolab-parameters'))")
+    cells = nbformat.read(ROOT / "notebooks" / "06_matching.ipynb", as_version=4).cells
+    hidden = [cell.id for cell in cells if "hide-input" in cell.metadata.get("tags", [])]
+    folded = f"{panel}.content.widgets.filter((one) => one.inputHidden).map((one) => one.model.id)"
+    assert browser.evaluate(folded) == hidden != []
+    assert not browser.evaluate(f"{panel}.context.model.toString().includes('source_hidden')")
+    assert not browser.evaluate("document.body.innerText.includes('Jupyter news')")
+
+
+@pytest.mark.heavy
 @pytest.mark.parametrize(
     ("chapter", "changed", "cell", "before", "after"),
     [

@@ -1,4 +1,6 @@
-// Numbers in a chapter's text, in JupyterLab as on the page.
+// A chapter in JupyterLab as on its page.
+//
+// Cells that the page folds are folded, and the cell of the parameters says that it is meant to be changed.
 //
 // A chapter stores a number once, myst_nb.glue("lamp_s", 1.23), and its text quotes it by the role
 // {glue:text}`lamp_s:.1f`. The pages resolve that when they are built. In JupyterLab jupyterlab-myst
@@ -9,7 +11,10 @@
 const ROLE = /\{glue:text\}`([^`]+)`/g;
 const RECORD = "application/papermill.record/text/plain";
 const NOT_YET = "…";
-const STYLE = '.myst a[aria-label="Link to this Equation"] { display: none; }';
+const STYLE = `
+  .myst a[aria-label="Link to this Equation"] { display: none; }
+  .trinolab-parameters::before { content: "The parameters: change these, and run the chapter again."; font-weight: 600; }
+`;
 
 /** A stored value in one of Python's formats: .2f, +.3f, .0%, .3g, g, or none. */
 function formatted(stored, format) {
@@ -69,6 +74,21 @@ function fill(notebook) {
   }
 }
 
+const folded = new WeakSet();
+
+/** Fold the cells that the page folds, each once and without a change of the file; mark the parameters. */
+function fold(notebook) {
+  for (const cell of notebook.widgets) {
+    if (folded.has(cell.model)) continue;
+    folded.add(cell.model);
+    const tags = cell.model.getMetadata("tags") ?? [];
+    cell.toggleClass("trinolab-parameters", tags.includes("parameters"));
+    if (!tags.includes("hide-input")) continue;
+    cell.syncCollapse = false;
+    cell.inputHidden = true;
+  }
+}
+
 function activate(app) {
   const known = new WeakSet();
   let waiting = false;
@@ -88,6 +108,7 @@ function activate(app) {
         known.add(notebook.model);
         notebook.model.contentChanged.connect(soon);
       }
+      fold(notebook);
       fill(notebook);
     }
   };

@@ -240,11 +240,6 @@ def compare(first: np.ndarray, second: Any, cmpop: int) -> np.ndarray:
     return operator(first, second).view(np.uint8) * np.uint8(255)
 
 
-def copyTo(src: np.ndarray, mask: np.ndarray, dst: np.ndarray) -> np.ndarray:
-    np.copyto(dst, src, where=mask != 0)
-    return dst
-
-
 def split(image: np.ndarray) -> tuple[np.ndarray, ...]:
     return tuple(np.ascontiguousarray(image[..., k]) for k in range(image.shape[2]))
 
@@ -252,11 +247,6 @@ def split(image: np.ndarray) -> tuple[np.ndarray, ...]:
 def mean(src: np.ndarray, mask: np.ndarray | None = None) -> tuple[float, ...]:
     values = src if mask is None else src[mask != 0]
     return (float(values.mean(dtype=float)) if values.size else 0.0, 0.0, 0.0, 0.0)
-
-
-def accumulate(src: np.ndarray, dst: np.ndarray) -> np.ndarray:
-    dst += src
-    return dst
 
 
 def accumulateWeighted(src: np.ndarray, dst: np.ndarray, alpha: float) -> np.ndarray:
@@ -274,18 +264,18 @@ def connectedComponents(
     return returned, _into(labels, results[0])
 
 
-def connectedComponentsWithAlgorithm(
-    image: Any, connectivity: int, ltype: int, ccltype: int
-) -> Any:
-    """OpenCV.js has one algorithm; all give the same components."""
-    return connectedComponents(image, None, connectivity, ltype)
-
-
 def connectedComponentsWithStats(image: Any, connectivity: int = 8, ltype: int = 4) -> Any:
     returned, results, _ = _call(
         "connectedComponentsWithStats", image, OUT, OUT, OUT, connectivity, ltype
     )
     return (returned, *results)
+
+
+def connectedComponentsWithStatsWithAlgorithm(
+    image: Any, connectivity: int, ltype: int, ccltype: int
+) -> Any:
+    """OpenCV.js has one algorithm; all give the same components."""
+    return connectedComponentsWithStats(image, connectivity, ltype)
 
 
 def findContours(image: Any, mode: int, method: int, offset: Any = (0, 0)) -> Any:
@@ -429,22 +419,6 @@ def _distortions(distCoeffs: Any) -> np.ndarray:
 
 def Rodrigues(src: Any) -> Any:
     _, results, _ = _call("Rodrigues", np.asarray(src, float), OUT, OUT)
-    return results[0], results[1]
-
-
-def projectPoints(
-    objectPoints: Any, rvec: Any, tvec: Any, cameraMatrix: Any, distCoeffs: Any
-) -> Any:
-    _, results, _ = _call(
-        "projectPoints",
-        objectPoints,
-        np.asarray(rvec, float),
-        np.asarray(tvec, float),
-        np.asarray(cameraMatrix, float),
-        _distortions(distCoeffs),
-        OUT,
-        OUT,
-    )
     return results[0], results[1]
 
 

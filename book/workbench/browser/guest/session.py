@@ -11,6 +11,7 @@ import base64
 import io
 import json
 import os
+import rlcompleter
 import sys
 import traceback
 import types
@@ -47,12 +48,15 @@ def start(book: str = "/book") -> None:
 
 
 def _find_recordings(folder: Path) -> None:
-    """Take the standard recordings from a folder of the site instead of rendering them here.
+    """Take the standard recordings from a folder of the site instead of rendering them here; see
+    `frames`.
 
     What a recording was made from is the same but for the motion, whose last bits are those of the
     machine that computed it.
     """
     from trinolab.bench import rendering
+
+    from . import frames
 
     rendered = rendering.cached_folder
 
@@ -65,6 +69,7 @@ def _find_recordings(folder: Path) -> None:
         return rendered(name, manifest, make)
 
     rendering.cached_folder = cached_folder
+    frames.read_from(folder)
 
 
 def answer() -> None:
@@ -86,6 +91,13 @@ def run(source: str, name: str = "cell") -> None:
         sys.stdout.flush()
         sys.stderr.flush()
         close_figures()
+
+
+def offer(begun: str) -> None:
+    """Hand out the names of the session that what is typed can become, such as "np.lin"."""
+    completer = rlcompleter.Completer(namespace)
+    names = completer.attr_matches(begun) if "." in begun else completer.global_matches(begun)
+    _hand_out({"type": "names", "names": [name.rstrip("(): ") for name in names]})
 
 
 def show(*values: Any) -> None:

@@ -1,5 +1,6 @@
 // Answers to a chapter's exercises on its page: a place to write at each, checked by the graders of
 // the notebook in a worker of its own, kept in this browser, and saved as a notebook.
+import { Editor } from './editor.js';
 import { button, element, save, status } from './elements.js';
 import { show } from './outputs.js';
 import { Runtime } from './runtime.js';
@@ -29,33 +30,18 @@ const kept = {
     remove: name => localStorage.removeItem(`trinolab/${name}`),
 };
 
-/** A new line begins below the one before, and four further after a colon. */
-function indent(area, event) {
-    const before = area.value.slice(0, area.selectionStart);
-    const line = before.slice(before.lastIndexOf('\n') + 1);
-    const space = line.match(/^ */)[0] + (line.trimEnd().endsWith(':') ? '    ' : '');
-    event.preventDefault();
-    document.execCommand('insertText', false, `\n${space}`); // which the reader can undo
-}
-
 /** The answer to one exercise. */
 class Answer {
     constructor(about, exercises) {
         Object.assign(this, about, { stub: about.source, exercises });
         const before = kept.read(`answer/${this.number}`);
         this.verdict = before?.verdict ?? null;
-        this.area = element('textarea', { className: 'browser-source', value: before?.source ?? this.stub, spellcheck: false });
-        this.area.rows = Math.min(Math.max(this.area.value.split('\n').length + 1, 4), 24);
-        this.area.setAttribute('aria-label', `Your answer to exercise ${this.number}; Shift and Enter check it`);
-        this.area.addEventListener('input', () => this.keep());
-        this.area.addEventListener('keydown', event => {
-            if (event.key !== 'Enter') return;
-            if (event.shiftKey) {
-                event.preventDefault();
-                this.exercises.check(this);
-            } else {
-                indent(this.area, event);
-            }
+        this.editor = new Editor({
+            source: before?.source ?? this.stub,
+            label: `Your answer to exercise ${this.number}; Shift and Enter check it`,
+            act: () => exercises.check(this),
+            change: () => this.keep(),
+            runtime: exercises.runtime,
         });
         this.status = status('browser-status');
         this.result = element('div', { className: 'browser-result', hidden: true });
@@ -63,26 +49,27 @@ class Answer {
         this.stopButton = button('Stop', () => exercises.stop(), `Stop the check of exercise ${this.number}`);
         this.stopButton.hidden = true;
         const place = element('div', { className: 'browser-exercise' },
-            element('p', { className: 'browser-label', textContent: 'Your answer' }), this.area,
+            element('p', { className: 'browser-label', textContent: 'Your answer' }), this.editor.place,
             element('div', { className: 'browser-tools' },
                 button('Check', () => exercises.check(this), `Check exercise ${this.number}`), this.stopButton,
-                button('Begin anew', () => this.beginAnew(), `Begin exercise ${this.number} anew`), this.status),
+                button('Begin anew', () => this.beginAnew(), `Begin anew: exercise ${this.number}`), this.status),
             this.result, this.said);
         place.setAttribute('role', 'group');
         place.setAttribute('aria-label', `Answer to exercise ${this.number}`);
         document.getElementById(this.label).append(place);
+        this.editor.mirror.refresh();
         this.showVerdict();
     }
 
     keep() {
-        if (this.verdict?.source !== this.area.value) this.verdict = null;
-        const answer = { source: this.area.value, verdict: this.verdict };
+        if (this.verdict?.source !== this.editor.value) this.verdict = null;
+        const answer = { source: this.editor.value, verdict: this.verdict };
         if (!kept.write(`answer/${this.number}`, answer)) this.say('this browser keeps no answers: save the file', 'failed');
         this.showVerdict();
     }
 
     beginAnew() {
-        this.area.value = this.stub;
+        this.editor.value = this.stub;
         this.verdict = null;
         kept.remove(`answer/${this.number}`);
         this.result.replaceChildren();
@@ -103,7 +90,7 @@ class Answer {
 
     /** Run the answer and grade it. */
     async run(runtime) {
-        const source = this.area.value;
+        const source = this.editor.value;
         this.verdict = null;
         this.showVerdict();
         this.result.replaceChildren();
@@ -213,7 +200,7 @@ class Exercises {
     notebook() {
         const cells = [['code', 'from workbench.course import check']];
         for (const answer of this.answers) {
-            cells.push(['markdown', `## ${answer.number} ${answer.title}`], ['code', answer.area.value], ['code', answer.check]);
+            cells.push(['markdown', `## ${answer.number} ${answer.title}`], ['code', answer.editor.value], ['code', answer.check]);
         }
         return JSON.stringify({
             cells: cells.map(([kind, source], k) => ({

@@ -1,8 +1,12 @@
 // A chapter's page with cells that run: Run, Run all above, Edit at each, and one bar for all.
+import { Editor } from './editor.js';
 import { button, element } from './elements.js';
+import { linked, linkTo } from './links.js';
 import { show } from './outputs.js';
 import { Runtime } from './runtime.js';
 
+const MBIT_S = 50;
+const START_S = 15; // of the processor, to a first figure (tests/benchmarks/bench_browser.py)
 const PAGE = location.pathname.split('/').at(-1).replace('.html', '');
 
 /** What the reader has written in place of a source, kept in this browser. */
@@ -33,43 +37,69 @@ class Cell {
         this.result = element('div', { className: 'browser-result', hidden: true });
         this.toggle = button('Stored output', () => this.showStored(this.output.hidden));
         this.toggle.hidden = true;
-        this.editButton = button('Edit', () => this.edit(), `Edit cell ${number + 1}`);
+        this.editButton = button('Edit', () => this.turn(), `Edit cell ${number + 1}`);
+        this.linkButton = button('Copy link', () => this.copyLink(), `Copy link to cell ${number + 1}`);
+        this.linkButton.hidden = true;
         this.tools = element('div', { className: 'browser-tools' },
             button('Run', () => book.run([this]), `Run cell ${number + 1}`),
-            button('Run all above', () => book.run(book.cells.slice(0, number)), `Run all cells above cell ${number + 1}`),
-            this.editButton, this.toggle, this.status);
+            button('Run all above', () => book.run(book.cells.slice(0, number)), `Run all above cell ${number + 1}`),
+            this.editButton, this.linkButton, this.toggle, this.status);
         place.append(this.tools, this.result);
         if (this.output) place.append(this.output);
-        if (Edits.of(this) !== null) this.edit();
+        const kept = Edits.of(this);
+        if (kept !== null) this.edit(kept);
     }
 
     get source() {
-        return this.area?.value ?? this.stored;
+        return this.editor?.value ?? this.stored;
     }
 
-    /** Show the source as text that can be changed, or go back to the stored one. */
-    edit() {
-        if (this.area) {
-            this.area.replaceWith(this.input);
-            this.area = null;
-            Edits.keep(this, this.stored);
-            this.editButton.textContent = 'Edit';
-            return;
+    /** Edit the source, or go back to the stored one. */
+    turn() {
+        if (this.editor) {
+            this.putBack();
+        } else {
+            this.edit(this.stored);
+            this.editor.mirror.focus();
         }
-        this.area = element('textarea', { className: 'browser-source', value: Edits.of(this) ?? this.stored, spellcheck: false });
-        this.area.rows = Math.min(this.area.value.split('\n').length + 1, 30);
-        this.area.setAttribute('aria-label', `Source of cell ${this.number + 1}; Shift and Enter run it`);
-        this.area.addEventListener('input', () => Edits.keep(this, this.area.value));
-        this.area.addEventListener('keydown', event => {
-            if (event.key === 'Enter' && event.shiftKey) {
-                event.preventDefault();
-                this.book.run([this]);
-            }
+    }
+
+    /** Show a source that can be changed. */
+    edit(source) {
+        this.editor?.place.replaceWith(this.input);
+        this.editor = new Editor({
+            source,
+            label: `Source of cell ${this.number + 1}; Shift and Enter run it`,
+            act: () => this.book.run([this]),
+            change: () => Edits.keep(this, this.editor.value),
+            runtime: this.book.runtime,
         });
-        this.input.replaceWith(this.area);
-        this.area.closest('details')?.setAttribute('open', '');
-        this.editButton.textContent = 'Back to the book\u2019s';
-        this.area.focus({ preventScroll: true });
+        this.input.replaceWith(this.editor.place);
+        this.editor.place.closest('details')?.setAttribute('open', '');
+        this.editor.mirror.refresh();
+        this.name('Back to the book\u2019s');
+        this.linkButton.hidden = false;
+    }
+
+    name(text) {
+        this.editButton.textContent = text;
+        this.editButton.ariaLabel = `${text} cell ${this.number + 1}`;
+    }
+
+    /** Show the stored source again. */
+    putBack() {
+        this.editor.place.replaceWith(this.input);
+        this.editor = null;
+        Edits.keep(this, this.stored);
+        this.name('Edit');
+        this.linkButton.hidden = true;
+    }
+
+    /** A link that carries the source goes to the address bar and the clipboard. */
+    async copyLink() {
+        history.replaceState(null, '', await linkTo(this.number + 1, this.source));
+        await navigator.clipboard?.writeText(location.href).catch(() => {});
+        this.say('the link is in the address bar, and copied where the browser allows it');
     }
 
     showStored(yes) {
@@ -109,12 +139,26 @@ class Cell {
             this.say(`failed after ${seconds} s`, 'failed');
             return false;
         }
+        this.caption();
         if (this.output && !this.result.hidden) {
             this.toggle.hidden = false;
             this.showStored(false);
         }
         this.say(`ran here in ${seconds} s`, 'done');
         return true;
+    }
+
+    /** Give the last figure that the cell has drawn the caption of the stored one. */
+    caption() {
+        const caption = this.output?.querySelector('figcaption');
+        const image = [...this.result.querySelectorAll('img')].at(-1);
+        if (!caption || !image) return;
+        const stored = this.output.querySelector('figure img');
+        image.alt = stored.alt;
+        image.classList.add(...stored.classList);
+        const figure = element('figure');
+        image.replaceWith(figure);
+        figure.append(image, caption.cloneNode(true));
     }
 }
 
@@ -143,7 +187,9 @@ class Book {
         this.turns = Promise.resolve();
         this.stopped = 0;
         Runtime.about().then(({ name, bytes, numbers }) => {
-            this.say(`Cells run here, on ${name}; the first run loads ${Math.round(bytes / 1e6)} MB, once.`);
+            const seconds = Math.round(8 * bytes / MBIT_S / 1e6);
+            this.say(`Cells run here, on ${name}. The first run loads ${Math.round(bytes / 1e6)} MB, once: ${seconds} s at ${MBIT_S} Mbit/s, `
+                + `and ${START_S} s of computing until a first figure.`);
             if (numbers) this.bar.append(element('a', { href: '../browser_numbers.html', textContent: 'Numbers of two platforms' }));
         });
     }
@@ -217,3 +263,10 @@ if ('serviceWorker' in navigator && window.isSecureContext) {
     navigator.serviceWorker.register(new URL('../../serviceworker.js', import.meta.url));
 }
 window.book = new Book();
+linked().then(found => {
+    const cell = found && window.book.cells[found.number - 1];
+    if (!cell) return;
+    cell.edit(found.source);
+    cell.say('from the link, not run yet');
+    cell.place.scrollIntoView();
+});

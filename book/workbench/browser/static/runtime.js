@@ -1,5 +1,5 @@
-// The runtime behind one interface, whichever implementation the folder has: start, run, files,
-// interrupt. Both implementations are workers that speak the same messages; see wasi.js.
+// A session of Python behind one interface: start, run, files, interrupt. The session is in a worker,
+// wasi.js, and messages go to and fro.
 
 const BASE = new URL('../', import.meta.url); // of the folder _browser
 
@@ -15,6 +15,7 @@ export class Runtime {
         this.number = 0;
         this.onoutput = () => {};
         this.queue = Promise.resolve();
+        this.idle = false; // Python is there, and runs nothing
         this.module = null; // the compiled file, which other sessions may share
     }
 
@@ -35,7 +36,7 @@ export class Runtime {
         let bytes = 0;
         let said = '';
         this.onoutput = ({ text }) => { said += text; };
-        this.worker = new Worker(new URL(`static/${about.worker}`, BASE), { type: 'module' });
+        this.worker = new Worker(new URL('static/wasi.js', BASE), { type: 'module' });
         this.worker.onmessage = ({ data }) => {
             if (data.kind === 'progress') {
                 bytes += data.bytes;
@@ -54,6 +55,7 @@ export class Runtime {
         const { code, module: compiled } = await this.#ask('start', { base: BASE.href, module, about });
         if (code !== 0) throw new Error(`Python did not start: ${said}`);
         this.module = Runtime.module = compiled; // another session of this page need not compile it
+        this.idle = true;
         this.onprogress(1);
     }
 
@@ -61,6 +63,7 @@ export class Runtime {
     run(source, { name = 'cell', onoutput = () => {} } = {}) {
         const turn = async () => {
             await this.start();
+            this.idle = false;
             let error = null;
             this.onoutput = output => {
                 if (output.type === 'error') error = output;
@@ -69,6 +72,7 @@ export class Runtime {
             await this.write('tmp/request.json', new TextEncoder().encode(JSON.stringify({ source, name })).buffer);
             const { code, memory } = await this.#ask('run', { source: ANSWER });
             if (code !== 0) throw new Error(`the session ended with ${code}`);
+            this.idle = true;
             return { error, memory };
         };
         const result = this.queue.then(turn);
@@ -104,6 +108,7 @@ export class Runtime {
         this.worker?.terminate();
         this.worker = null;
         this.starting = undefined;
+        this.idle = false;
         this.waiting.forEach(({ reject }) => reject(new Error(why)));
         this.waiting.clear();
         this.queue = Promise.resolve();

@@ -3,12 +3,20 @@
 // variables stay between turns. Python asks this side through `host.call`, the file's one door.
 import { ConsoleStdout, Directory, File, OpenFile, PreopenDirectory, WASI } from './wasi/index.js';
 import { doorFor } from './door.js';
-import { answerBy, written } from './messages.js';
 import { unzip } from './unzip.js';
 
 const LIBRARY = 'python315.zip';
 const MODULES = '/usr/local/lib';
 const PLOTTING = `${MODULES}/${LIBRARY}/matplotlib/mpl-data`;
+// What the session runs first.
+const BEGIN = `
+import sys
+import _host
+sys.path[:0] = ['/book', '/book/book']
+from workbench.browser.guest import door, session
+door.opened_by(_host.call)
+session.start()
+`;
 const NO_FAULT = 0;
 const FAULT = -2;
 const ALL_RIGHTS = (1n << 30n) - 1n;
@@ -118,18 +126,27 @@ class WritableFolder extends PreopenDirectory {
     }
 }
 
+/** What Python writes to stdout or stderr, as whole characters. */
 function stream(name) {
-    return new ConsoleStdout(written(name));
+    const decoder = new TextDecoder('utf-8');
+    return new ConsoleStdout(bytes => {
+        const text = decoder.decode(bytes.slice(), { stream: true });
+        postMessage({ kind: 'output', output: { type: name, text } });
+    });
+}
+
+function say(bytes) {
+    postMessage({ kind: 'progress', bytes });
 }
 
 /** Load everything and start Python; `module` is the compiled file, where another worker has it. */
-async function start({ base, module, about, say }) {
+async function start({ base, module, about }) {
     const at = name => new URL(`files/${name}`, base).href;
-    const [compiled, library, plotting, packages] = await Promise.all([
+    const [compiled, library, plotting, book] = await Promise.all([
         module ?? fetched(at('python.wasm.gz'), say).then(r => WebAssembly.compileStreaming(r)),
         fetched(at('library.zip'), say).then(r => r.arrayBuffer()),
         fetched(at('plotting.zip'), say).then(r => r.arrayBuffer()).then(unzip),
-        Promise.all(about.archives.map(one => fetched(at(one), say).then(r => r.arrayBuffer()).then(unzip))),
+        fetched(at('book.zip'), say).then(r => r.arrayBuffer()).then(unzip),
     ]);
     const folders = new WritableFolder('/', new Map());
     root = folders.dir;
@@ -139,7 +156,7 @@ async function start({ base, module, about, say }) {
     root = data.dir;
     plotting.forEach(([path, bytes]) => writeFile(path, bytes));
     root = kept;
-    packages.flat().forEach(([path, bytes]) => writeFile(`book/${path}`, bytes));
+    book.forEach(([path, bytes]) => writeFile(`book/${path}`, bytes));
     about.recordings.forEach(({ path, bytes }) => {
         const [folder, name] = split(`book/recordings/${path}`);
         const address = new URL(`recordings/${path}`, base).href;
@@ -165,7 +182,7 @@ async function start({ base, module, about, say }) {
     wasi.inst = instance;
     exports = instance.exports;
     exports._initialize?.();
-    return compiled;
+    return { code: turn(BEGIN), module: compiled };
 }
 
 /** One turn of the session: its source is run in `__main__`. */
@@ -176,4 +193,18 @@ function turn(source) {
     return exports.turn(place, bytes.length);
 }
 
-answerBy({ start, turn, memory: () => exports.memory.buffer.byteLength, writeFile, readFile });
+const ANSWERS = {
+    start,
+    run: ({ source }) => ({ code: turn(source), memory: exports.memory.buffer.byteLength }),
+    write: ({ path, bytes }) => writeFile(path, bytes),
+    read: ({ path }) => readFile(path),
+};
+
+self.onmessage = async ({ data }) => {
+    const { id, kind } = data;
+    try {
+        postMessage({ id, kind: 'done', value: await ANSWERS[kind](data) });
+    } catch (error) {
+        postMessage({ id, kind: 'failed', message: String(error?.message ?? error) });
+    }
+};
