@@ -101,7 +101,7 @@ def _curves(ax: Axes, curves: dict) -> None:
 
 
 def plot_by_slant(errors: Mapping[str, pd.DataFrame], limit_px: float) -> Figure:
-    """Errors of centroids along the slant and across it, over the slant: a dot a marker, one colour
+    """Errors of centroids along the slant and across it, over the slant: a dot per marker, one colour
     a method.
 
     Parameters
@@ -146,10 +146,10 @@ def plot_estimators(
     Parameters
     ----------
     errors : mapping
-        From the name of a y axis to a table with a row a rig and a column an estimator, all
+        From the name of a y axis to a table with a row per rig and a column per estimator, all
         positive.
     lines : mapping
-        From the name of a line to a table with a row a rig and a column a y axis; not more than
+        From the name of a line to a table with a row per rig and a column per y axis; not more than
         three.
     ends : mapping, optional
         From the name of a y axis to the low and the high ends of intervals, tables like the errors'.

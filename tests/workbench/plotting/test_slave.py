@@ -276,7 +276,7 @@ BOX = '<geom type="box" size=".1 .1 .1"/>'
         (lambda: SlaveView(model_of(BOX), "camera"), "camera: expected a Camera, got str"),
         (
             lambda: SlaveView(model_of(BOX), camera_of((9000, 20), (700.0, 700.0), (320.0, 240.0))),
-            r"camera: expected an image of at most 8192 px a side, got \(9000, 20\)",
+            r"camera: expected an image of at most 8192 px per side, got \(9000, 20\)",
         ),
         (
             lambda: SlaveView(
