@@ -23,6 +23,8 @@ from trinolab.handle import Handle, slants
 from trinolab.identity import labelled_pixels
 from trinolab.markers import MarkerParameters, find_markers
 
+from .criteria import FOCUS
+
 if TYPE_CHECKING:
     from trinolab.following.posetracker import Tracked
 
@@ -173,9 +175,7 @@ class Seen:
         """Standard deviation of the blur of each spot's sharpest edges, px: those across its
         motion, if it moves.
         """
-        steep = [np.quantile(spot.steep, 0.75) for spot in self.of_camera(camera, upright=True)]
-        blurs = 1 / (np.sqrt(2 * np.pi) * np.maximum(steep, 1e-3))
-        return np.sqrt(np.maximum(blurs**2 - PIXELS_PX2, 0.01))
+        return np.array([_blur_px(spot) for spot in self.of_camera(camera, upright=True)])
 
     def exposure(self) -> Exposure | None:
         """How long the shutter is open, by the edges along the motion; None if nothing moves."""
@@ -276,12 +276,24 @@ class Seen:
         for c, image in enumerate(images):
             markers = find_markers(image, LOOSE_MORE * count, kind, LOOSE)
             spots = [
-                spot_at(image, markers.uv[n], markers.axes_px[n], kind)
-                for n in np.argsort(-markers.contrast)
+                spot_at(image, uv, axes_px, kind)
+                for uv, axes_px in zip(markers.uv, markers.axes_px, strict=True)
             ]
-            round_ones = [spot for spot in spots if spot.angular < ANGULAR]
-            for spot in round_ones[: max(count // 3, 1)]:
+            likely = [spot for spot in spots if not _is_square(spot)][:count]
+            likely.sort(key=lambda spot: -spot.contrast)
+            for spot in likely[: max(count // 3, 1)]:
                 self.loose_spots.append(spot._replace(instant=len(self.poses) - 1, camera=c))
+
+
+def _is_square(spot: Spot) -> bool:
+    """Whether a spot is angular and sharp; markers that are out of focus run into each other."""
+    return spot.angular >= ANGULAR and _blur_px(spot) <= FOCUS.good
+
+
+def _blur_px(spot: Spot) -> float:
+    """Standard deviation of the blur of a spot's sharpest edges, px."""
+    blur = 1 / (np.sqrt(2 * np.pi) * max(np.quantile(spot.steep, 0.75), 1e-3))
+    return float(np.sqrt(max(blur**2 - PIXELS_PX2, 0.01)))
 
 
 class Exposure(NamedTuple):

@@ -104,7 +104,7 @@ NOT_FOUND = """<!doctype html>
 <meta charset="utf-8">
 <title>trinolab: no such page</title>
 </head>
-<body><main><h1>No such page</h1><p><a href="/">To the beginning</a></p></main></body>
+<body><main><h1>No such page</h1><p><a href="index.html">To the beginning</a></p></main></body>
 </html>
 """
 

@@ -307,7 +307,8 @@ def _link(node: nodes.inline, chapter: Chapter) -> None:
         return
     link = nodes.reference("", "", refid=place_of(index + 1), classes=["glued"])
     link["reftitle"] = f"How this number was made: cell {index + 1}"
-    node.replace_self(link)
+    node.replace_self(link)  # which takes over the node's ids
+    node["ids"] = []
     link += node
 
 

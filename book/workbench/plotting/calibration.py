@@ -95,6 +95,7 @@ def plot_calibration_error(table: pd.DataFrame, handle: str, limit_mm: float) ->
             f"handle: expected one of {', '.join(table['handle'].unique())}, got {handle!r}"
         )
     exact = rows.loc[rows["centre_px"] > 0, "centre_px"].min() / _EXACT
+    plt.draw_if_interactive()  # the backend has its say before the context, see `basics.subplots`
     with plt.rc_context({"font.size": 9}):
         figure, axes = subplots(
             2,
