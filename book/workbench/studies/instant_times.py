@@ -42,9 +42,9 @@ from trinolab.bench.scene import EXPOSURE_S
 from trinolab.camera import Rig
 from trinolab.checks import Array, as_whole
 from trinolab.datasets import load_handle, load_real_sets, load_rig, load_sweep
-from trinolab.estimators.pixels import prepare
 from trinolab.files.fetch import why_not
 from trinolab.following import posetracker
+from trinolab.following.look import prepare
 from trinolab.following.parameters import FollowParameters
 from trinolab.handle import Handle
 from trinolab.methods import BEST
