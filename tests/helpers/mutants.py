@@ -8,31 +8,13 @@ import textwrap
 import warnings
 from contextlib import contextmanager
 
+from slips import changes, node_at
+
 from workbench.course.child import outcome
 from workbench.course.exercise import FunctionExercise
 from workbench.course.exercises import CHAPTERS, of_chapter
 from workbench.course.grading import call_of, judge_outcomes
 
-OTHER_SIGN = {
-    ast.Add: ast.Sub,
-    ast.Sub: ast.Add,
-    ast.Mult: ast.Div,
-    ast.Div: ast.Mult,
-    ast.MatMult: ast.Mult,
-    ast.Pow: ast.Mult,
-    ast.Mod: ast.Add,
-    ast.BitAnd: ast.BitOr,
-    ast.BitOr: ast.BitAnd,
-}
-OTHER_BORDER = {
-    ast.Lt: ast.LtE,
-    ast.LtE: ast.Lt,
-    ast.Gt: ast.GtE,
-    ast.GtE: ast.Gt,
-    ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq,
-}
-TURNED_ROUND = {ast.Lt: ast.Gt, ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.GtE: ast.LtE}
 SYMMETRIC = "both sides give the same"
 ABSOLUTE = "the absolute value is taken"
 WHOLE_TURN = "angles are compared but for whole turns"
@@ -116,9 +98,9 @@ def mutants(asked):
     function.body = function.body[1:]  # without the docstring
     made = {}
     for place, node in enumerate(ast.walk(function)):
-        for words, change in _changes(node):
+        for words, change in changes(node):
             other = copy.deepcopy(function)
-            change(_at(other, place))
+            change(node_at(other, place))
             text = ast.unparse(ast.fix_missing_locations(other))
             if text != ast.unparse(function):
                 made.setdefault(text, f"{ast.unparse(node)}: {words}")
@@ -136,59 +118,6 @@ def mutants(asked):
             warnings.simplefilter("ignore")
             exec(compile(text, "<mutant>", "exec"), namespace)
         yield words, namespace[asked.name]
-
-
-def _at(function, place):
-    return next(node for k, node in enumerate(ast.walk(function)) if k == place)
-
-
-def _changes(node):  # noqa: C901
-    """What may be changed in a node: in words, and a function that does it."""
-    if isinstance(node, ast.BinOp) and type(node.op) in OTHER_SIGN:
-        other = OTHER_SIGN[type(node.op)]
-        yield other.__name__, lambda it: setattr(it, "op", other())
-        if isinstance(node.op, ast.Sub | ast.Div | ast.MatMult):
-            yield "sides swapped", _swap_sides
-    if isinstance(node, ast.Compare):
-        for k, op in enumerate(node.ops):
-            for table in (OTHER_BORDER, TURNED_ROUND):
-                if type(op) in table:
-                    yield table[type(op)].__name__, _compared(k, table[type(op)])
-    if isinstance(node, ast.BoolOp):
-        other_word = ast.Or if isinstance(node.op, ast.And) else ast.And
-        yield other_word.__name__, lambda it: setattr(it, "op", other_word())
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.Not):
-        yield "without its sign", lambda it: setattr(it, "op", _same(it.op))
-    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
-        for step in (-1, 1):
-            value = node.value + step
-            yield f"{value}", lambda it, value=value: setattr(it, "value", value)
-    if isinstance(node, ast.Call) and len(node.args) > 1:
-        yield "arguments swapped", lambda it: it.args.reverse()
-    if isinstance(node, ast.Tuple) and len(node.elts) > 1 and isinstance(node.ctx, ast.Load):
-        yield "turned round", lambda it: it.elts.reverse()
-    if isinstance(node, ast.Attribute) and node.attr == "T":
-        yield "not transposed", lambda it: setattr(it, "attr", "real")
-    if isinstance(node, ast.If):
-        yield "never", lambda it: setattr(it, "test", ast.Constant(False))
-        yield "always", lambda it: setattr(it, "test", ast.Constant(True))
-    if isinstance(node, ast.AugAssign) and isinstance(node.op, ast.Add):
-        yield "Sub", lambda it: setattr(it, "op", ast.Sub())
-
-
-def _same(op):
-    return ast.UAdd() if isinstance(op, ast.USub) else ast.Not()
-
-
-def _swap_sides(node):
-    node.left, node.right = node.right, node.left
-
-
-def _compared(k, op):
-    def change(node):
-        node.ops[k] = op()
-
-    return change
 
 
 class Stopped(BaseException):

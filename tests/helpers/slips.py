@@ -1,23 +1,31 @@
-"""Slips of the pen, planted in a module's source: an operator, a comparison, a number, a sign, a dropped term."""
+"""Slips of the pen, planted in a source: an operator, a comparison, a number, a sign, sides or arguments
+swapped, a dropped term.
+"""
 
 import ast
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
-OPERATORS = {
+OTHER_SIGN = {
     ast.Add: ast.Sub,
     ast.Sub: ast.Add,
     ast.Mult: ast.Div,
     ast.Div: ast.Mult,
+    ast.MatMult: ast.Mult,
+    ast.Pow: ast.Mult,
+    ast.Mod: ast.Add,
+    ast.BitAnd: ast.BitOr,
+    ast.BitOr: ast.BitAnd,
+}
+OTHER_BORDER = {
     ast.Lt: ast.LtE,
     ast.LtE: ast.Lt,
     ast.Gt: ast.GtE,
     ast.GtE: ast.Gt,
     ast.Eq: ast.NotEq,
     ast.NotEq: ast.Eq,
-    ast.And: ast.Or,
-    ast.Or: ast.And,
 }
+TURNED_ROUND = {ast.Lt: ast.Gt, ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.GtE: ast.LtE}
 
 
 class Slip(NamedTuple):
@@ -26,35 +34,43 @@ class Slip(NamedTuple):
     Attributes
     ----------
     words : str
-        The line, what stands there and what the slip makes of it.
+        The line, what stands there, and what is changed in it.
     place : int
-        Number of the expression in the order of `ast.walk`.
-    changed : ast.expr
+        Number of the node in the order of `ast.walk`.
+    change : callable
+        Changes the node.
     """
 
     words: str
     place: int
-    changed: ast.expr
+    change: Callable[[ast.AST], object]
 
 
 def slips(source: str) -> list[Slip]:
     """All slips of a module; texts, types and messages hold none."""
     tree = ast.parse(source)
     mute = _mute(tree)
-    return [
-        Slip(f"line {node.lineno}: {ast.unparse(node)} -> {ast.unparse(changed)}", place, changed)
-        for place, node in enumerate(ast.walk(tree))
-        if id(node) not in mute
-        for changed in _changes(node)
-    ]
+    found = []
+    for place, node in enumerate(ast.walk(tree)):
+        if id(node) in mute:
+            continue
+        for what, change in (*changes(node), *_dropped(node)):
+            first_line = ast.unparse(node).partition("\n")[0]
+            found.append(Slip(f"line {node.lineno}: {first_line}: {what}", place, change))
+    return found
 
 
 def planted(source: str, slip: Slip) -> str:
     """The module's source with a slip."""
     tree = ast.parse(source)
-    old = next(node for place, node in enumerate(ast.walk(tree)) if place == slip.place)
-    _replace(tree, old, slip.changed)
+    slip.change(node_at(tree, slip.place))
     return ast.unparse(ast.fix_missing_locations(tree))
+
+
+def _dropped(node):
+    """A term of a sum that is left out."""
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
+        yield "second term dropped", lambda it: setattr(it, "right", ast.Constant(0))
 
 
 def _mute(tree: ast.AST) -> set[int]:
@@ -69,32 +85,55 @@ def _mute(tree: ast.AST) -> set[int]:
     return mute
 
 
-def _changes(node: ast.AST) -> Iterator[ast.expr]:
-    """What may stand in the place of an expression."""
-    if isinstance(node, ast.BinOp):
-        if type(node.op) in OPERATORS:
-            yield ast.BinOp(node.left, OPERATORS[type(node.op)](), node.right)
-        if isinstance(node.op, ast.MatMult):
-            yield ast.BinOp(node.right, node.op, node.left)
-        if isinstance(node.op, ast.Add | ast.Sub):
-            yield node.left
-    elif isinstance(node, ast.BoolOp):
-        yield ast.BoolOp(OPERATORS[type(node.op)](), node.values)
-    elif isinstance(node, ast.Compare) and type(node.ops[0]) in OPERATORS:
-        first = OPERATORS[type(node.ops[0])]()
-        yield ast.Compare(node.left, [first, *node.ops[1:]], node.comparators)
-    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.Not):
-        yield node.operand
-    elif isinstance(node, ast.Constant) and type(node.value) is int:
-        yield ast.Constant(node.value + 1)
-    elif isinstance(node, ast.Constant) and type(node.value) is float:
-        yield ast.Constant(1.1 * node.value if node.value else 0.1)
+def node_at(tree, place):
+    """The node with a number in the order of `ast.walk`."""
+    return next(node for k, node in enumerate(ast.walk(tree)) if k == place)
 
 
-def _replace(tree: ast.AST, old: ast.AST, changed: ast.expr) -> None:
-    for parent in ast.walk(tree):
-        for name, value in ast.iter_fields(parent):
-            if value is old:
-                setattr(parent, name, changed)
-            elif isinstance(value, list):
-                setattr(parent, name, [changed if one is old else one for one in value])
+def changes(node):  # noqa: C901
+    """What may be changed in a node: in words, and a function that does it."""
+    if isinstance(node, ast.BinOp) and type(node.op) in OTHER_SIGN:
+        other = OTHER_SIGN[type(node.op)]
+        yield other.__name__, lambda it: setattr(it, "op", other())
+        if isinstance(node.op, ast.Sub | ast.Div | ast.MatMult):
+            yield "sides swapped", _swap_sides
+    if isinstance(node, ast.Compare):
+        for k, op in enumerate(node.ops):
+            for table in (OTHER_BORDER, TURNED_ROUND):
+                if type(op) in table:
+                    yield table[type(op)].__name__, _compared(k, table[type(op)])
+    if isinstance(node, ast.BoolOp):
+        other_word = ast.Or if isinstance(node.op, ast.And) else ast.And
+        yield other_word.__name__, lambda it: setattr(it, "op", other_word())
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.Not):
+        yield "without its sign", lambda it: setattr(it, "op", _same(it.op))
+    if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+        for step in (-1, 1):
+            value = node.value + step
+            yield f"{value}", lambda it, value=value: setattr(it, "value", value)
+    if isinstance(node, ast.Call) and len(node.args) > 1:
+        yield "arguments swapped", lambda it: it.args.reverse()
+    if isinstance(node, ast.Tuple) and len(node.elts) > 1 and isinstance(node.ctx, ast.Load):
+        yield "turned round", lambda it: it.elts.reverse()
+    if isinstance(node, ast.Attribute) and node.attr == "T":
+        yield "not transposed", lambda it: setattr(it, "attr", "real")
+    if isinstance(node, ast.If):
+        yield "never", lambda it: setattr(it, "test", ast.Constant(False))
+        yield "always", lambda it: setattr(it, "test", ast.Constant(True))
+    if isinstance(node, ast.AugAssign) and isinstance(node.op, ast.Add):
+        yield "Sub", lambda it: setattr(it, "op", ast.Sub())
+
+
+def _same(op):
+    return ast.UAdd() if isinstance(op, ast.USub) else ast.Not()
+
+
+def _swap_sides(node):
+    node.left, node.right = node.right, node.left
+
+
+def _compared(k, op):
+    def change(node):
+        node.ops[k] = op()
+
+    return change
