@@ -125,7 +125,7 @@ def judge(setup: Setup, rows: list[dict[str, list[Row]]]) -> Answer:
     answer.numbers += [
         _over_set_ups("position error", distances**2, "mm", set_up, setup.seed),
         _reproducibility(everything[found], set_up, setup.seed),
-        *_honesty(distances, angles, sigmas[found], set_up, setup.seed),
+        *_true_by_reported(distances, angles, sigmas[found], set_up, setup.seed),
         far_count(NAME, int(((distances > FAR_MM) | (angles > FAR_DEG)).sum()), n, setup.seed),
     ]
     answer.pictures.append(_picture(poses.translation[found], distances))
@@ -221,10 +221,10 @@ def _reproducibility(off: Array, set_up: np.ndarray, seed: int) -> Number:
     return number.within(_of_the_set_ups(by_bootstrap(size, rms)))
 
 
-def _honesty(
+def _true_by_reported(
     distances: Array, angles: Array, sigmas: Array, set_up: np.ndarray, seed: int
 ) -> list[Number]:
-    """True error over reported standard deviation: 1 is honest."""
+    """True error divided by the reported standard deviation."""
     numbers = []
     for kind, error, sigma in (
         ("position", distances, sigmas[:, 0]),

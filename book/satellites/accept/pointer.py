@@ -11,7 +11,6 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.checks import Array
 from workbench.intervals import by_bootstrap, rms
-from workbench.studies.replication import replicate
 
 from . import tracks
 from .numbers import OWN, Answer, Number, distribution, share
@@ -84,17 +83,8 @@ def parts(setup: Setup) -> int:
 def run(setup: Setup, k: int) -> list[Row]:
     """Render and measure a few poses, each with its own noise."""
     poses = touches(setup).poses
-    rows = []
-    for i in range(k * TOGETHER, min((k + 1) * TOGETHER, len(poses))):
-        (measurements,) = replicate(
-            [poses[i]],
-            setup.rig,
-            setup.handle,
-            setup.number(NAME, i),
-            parameters=setup.parameters,
-        )
-        rows.append(tracks.row_of(float(i), measurements.pose))
-    return rows
+    part = range(k * TOGETHER, min((k + 1) * TOGETHER, len(poses)))
+    return tracks.rows_at_rest(setup, NAME, poses, part)
 
 
 class Pivot(NamedTuple):

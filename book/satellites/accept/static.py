@@ -12,7 +12,6 @@ from trinolab.checks import Array
 from trinolab.metrics import FAR_DEG, FAR_MM
 from trinolab.pose import rigid_fit
 from workbench.intervals import by_bootstrap, rms
-from workbench.studies.replication import replicate
 
 from . import figures, tracks
 from .numbers import Answer, Number, Picture, distribution, far_count, share
@@ -34,17 +33,8 @@ def parts(setup: Setup) -> int:
 def run(setup: Setup, k: int) -> list[Row]:
     """Render and measure a few poses, each with its own noise."""
     poses = sobol_poses(setup.field, setup.poses, setup.seed).poses
-    rows = []
-    for i in range(k * TOGETHER, min((k + 1) * TOGETHER, setup.poses)):
-        (measurements,) = replicate(
-            [poses[i]],
-            setup.rig,
-            setup.handle,
-            setup.number(NAME, i),
-            parameters=setup.parameters,
-        )
-        rows.append(tracks.row_of(float(i), measurements.pose))
-    return rows
+    part = range(k * TOGETHER, min((k + 1) * TOGETHER, setup.poses))
+    return tracks.rows_at_rest(setup, NAME, poses, part)
 
 
 def judge(setup: Setup, rows: list[list[Row]]) -> Answer:
@@ -70,7 +60,7 @@ def judge(setup: Setup, rows: list[list[Row]]) -> Answer:
         far_count(
             NAME, int(((distances > FAR_MM) | (angles > FAR_DEG)).sum()), len(distances), seed
         ),
-        *_honesty(distances, angles, track.sigmas[measured], seed),
+        *_true_by_reported(distances, angles, track.sigmas[measured], seed),
     ]
     answer.pictures += _pictures(drawn, off, measured)
     return answer
@@ -91,8 +81,8 @@ def _registered(drawn: Drawn, off: Array, found: np.ndarray, seed: int) -> list[
     ]
 
 
-def _honesty(distances: Array, angles: Array, sigmas: Array, seed: int) -> list[Number]:
-    """True error over reported standard deviation, root mean square: 1 is honest."""
+def _true_by_reported(distances: Array, angles: Array, sigmas: Array, seed: int) -> list[Number]:
+    """True error divided by the reported standard deviation, root mean square."""
     numbers = []
     for kind, error, sigma in (
         ("position", distances, sigmas[:, 0]),

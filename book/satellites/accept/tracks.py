@@ -22,6 +22,7 @@ from trinolab.following import posetracker
 from trinolab.metrics import nearest_equivalent, track_equivalent
 from trinolab.pose import Pose
 from trinolab.rigid import motion_between
+from workbench.studies.replication import replicate
 
 from .setup import Setup
 
@@ -79,6 +80,23 @@ def row_of(t_s: float, pose: Pose, cpu_s: float = np.nan) -> Row:
         return [t_s, status, None, None, cpu_s, *[None] * 7]
     place = [*T.translation.tolist(), *T.rotation.as_quat(canonical=True).tolist()]
     return [t_s, pose.status, pose.sigma_mm, pose.sigma_deg, cpu_s, *place]
+
+
+def rows_at_rest(
+    setup: Setup, name: str, poses: Sequence[RigidTransform], part: range
+) -> list[Row]:
+    """Render and measure some of the poses of a test of the sheet, each with its own noise."""
+    rows = []
+    for i in part:
+        (measurements,) = replicate(
+            [poses[i]],
+            setup.rig,
+            setup.handle,
+            setup.number(name, i),
+            parameters=setup.parameters,
+        )
+        rows.append(row_of(float(i), measurements.pose))
+    return rows
 
 
 def as_track(rows: Sequence[Row]) -> Track:

@@ -9,6 +9,7 @@ the image that gives the exposure, up to one that moves a marker by its own size
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import islice
 from typing import TYPE_CHECKING, NamedTuple
 
 import cv2
@@ -275,11 +276,11 @@ class Seen:
         kind = self.handle.markers
         for c, image in enumerate(images):
             markers = find_markers(image, LOOSE_MORE * count, kind, LOOSE)
-            spots = [
+            spots = (
                 spot_at(image, uv, axes_px, kind)
                 for uv, axes_px in zip(markers.uv, markers.axes_px, strict=True)
-            ]
-            likely = [spot for spot in spots if not _is_square(spot)][:count]
+            )
+            likely = list(islice((spot for spot in spots if not _is_square(spot)), count))
             likely.sort(key=lambda spot: -spot.contrast)
             for spot in likely[: max(count // 3, 1)]:
                 self.loose_spots.append(spot._replace(instant=len(self.poses) - 1, camera=c))

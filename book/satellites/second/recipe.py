@@ -104,26 +104,39 @@ def four_cameras() -> Rig:
 
 def stills(handle_name: str) -> Shooting:
     """Thirty instants of a handle at rest: Table 1's twenty poses and ten random ones."""
-    handle = load_handle(handle_name)
     number = HANDLES.index(handle_name)
-    rng = np.random.default_rng([SEED, number])
-    drawn = [_random_pose(handle, rng) for _ in range(RANDOM_POSES)]
-    truth = RigidTransform.concatenate([*load_table1().set_poses, *drawn])
-    poses = [RigidTransform.concatenate([T]) for T in truth]
-    times = np.arange(len(truth), dtype=float)
-    return Shooting(four_cameras(), handle, poses, truth, [1.0] * len(truth), times, False, number)
+    drawn = _random_poses(handle_name, number, RANDOM_POSES)
+    return _at_rest(handle_name, number, [*load_table1().set_poses, *drawn], Room())
 
 
 def third_set(handle_name: str) -> Shooting:
     """Thirty instants of a handle at rest, in other light and at other poses than `stills`."""
-    handle = load_handle(handle_name)
     number = 1 + len(HANDLES) + HANDLES.index(handle_name)
-    rng = np.random.default_rng([SEED, number])
-    truth = RigidTransform.concatenate([_random_pose(handle, rng) for _ in range(THIRD_POSES)])
-    poses = [RigidTransform.concatenate([T]) for T in truth]
-    times = np.arange(len(truth), dtype=float)
-    gains = [1.0] * len(truth)
-    return Shooting(four_cameras(), handle, poses, truth, gains, times, False, number, THIRD_ROOM)
+    poses = _random_poses(handle_name, number, THIRD_POSES)
+    return _at_rest(handle_name, number, poses, THIRD_ROOM)
+
+
+def _random_poses(handle_name: str, number: int, count: int) -> list[RigidTransform]:
+    """The random poses of a recording, by its number."""
+    handle, rng = load_handle(handle_name), np.random.default_rng([SEED, number])
+    return [_random_pose(handle, rng) for _ in range(count)]
+
+
+def _at_rest(
+    handle_name: str, number: int, poses: Sequence[RigidTransform], room: Room
+) -> Shooting:
+    """A handle that rests at one pose after the other, in steady light."""
+    return Shooting(
+        four_cameras(),
+        load_handle(handle_name),
+        [RigidTransform.concatenate([T]) for T in poses],
+        RigidTransform.concatenate(list(poses)),
+        [1.0] * len(poses),
+        np.arange(len(poses), dtype=float),
+        False,
+        number,
+        room,
+    )
 
 
 def film() -> Shooting:
