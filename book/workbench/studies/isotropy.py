@@ -14,7 +14,7 @@ from scipy.spatial.transform import RigidTransform
 from trinolab.camera import Rig
 from trinolab.checks import Array, as_array, as_whole
 from trinolab.handle import Handle, facing_pixels
-from trinolab.rigid import cross_matrices
+from trinolab.sensitivity import motion_slopes, pixel_slopes
 
 from .deviations import Source
 from .pattern import rigid_field
@@ -56,12 +56,7 @@ def of_points(rig: Rig, points: ArrayLike) -> Array:
     3, 3), mm^2.
     """
     x = as_array(points, "points", (None, 3))
-    steps = 1e-3 * np.eye(3)
-    columns = [
-        [(camera.project(x + step) - camera.project(x - step)) / 2e-3 for camera in rig.cameras]
-        for step in steps
-    ]
-    J = np.moveaxis(np.array(columns), 0, -1)  # (cameras, n, 2, 3)
+    J = np.array([pixel_slopes(camera, x)[1] for camera in rig.cameras])  # (cameras, n, 2, 3)
     return np.linalg.inv(np.einsum("cnik,cnil->nkl", J, J))
 
 
@@ -69,24 +64,13 @@ def of_rods(rig: Rig, handle: Handle, poses: RigidTransform, max_slant_deg: floa
     """Covariances of the positions of poses fitted to the pixels of all markers by least squares, the
     pixels having an error of 1 px per coordinate, shape (n, 3, 3), mm^2.
     """
-    step = 1e-3
     found = []
     for T in poses:
-        normal = np.zeros((6, 6))
-        for camera in rig.cameras:
-            seen = np.isfinite(facing_pixels(handle, camera, T, max_slant_deg)).all(axis=1)
-            x = T.apply(handle.marker_centres[seen])
-            by_place = np.stack(
-                [
-                    (camera.project(x + d) - camera.project(x - d)) / (2 * step)
-                    for d in step * np.eye(3)
-                ],
-                axis=2,
-            )
-            by_turn = -by_place @ cross_matrices(x - T.translation)
-            J = np.concatenate([by_place, by_turn], axis=2).reshape(-1, 6)
-            normal += J.T @ J
-        found.append(np.linalg.inv(normal)[:3, :3])
+        uv = [facing_pixels(handle, camera, T, max_slant_deg) for camera in rig.cameras]
+        camera, marker = np.nonzero(np.isfinite(uv).all(axis=2))
+        points = T.apply(handle.marker_centres[marker])
+        J = motion_slopes(rig, camera, points, T.translation).reshape(-1, 6)
+        found.append(np.linalg.inv(J.T @ J)[:3, :3])
     return np.array(found)
 
 
