@@ -6,7 +6,8 @@ the page's theme.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -28,16 +29,22 @@ COLOURS = ("#0072B2", "#E69F00", "#009E73", "#56B4E9", "#D55E00", "#F0E442", "#C
 
 def subplots(*arguments: Any, **options: Any) -> tuple[Figure, Any]:
     """As `matplotlib.pyplot.subplots`, in the style of the book."""
+    with in_style(STYLE):
+        return plt.subplots(*arguments, **options)
+
+
+@contextmanager
+def in_style(style: Path | dict[str, Any]) -> Iterator[None]:
+    """As `matplotlib.pyplot.style.context`, in which a first figure may be made."""
     # the backend is loaded with the first figure and says whether figures are shown: it has to
     # say so before the style's context begins, at whose end all settings are what they were
     plt.draw_if_interactive()
-    with plt.style.context(STYLE):
-        made = plt.subplots(*arguments, **options)
+    with plt.style.context(style):
+        yield
         interactive = plt.isinteractive()
     # a notebook's backend turns it on with the first figure, and the end of the style off again
     if interactive:
         plt.ion()
-    return made
 
 
 def write_drawing(figure: Figure, path: Path) -> None:

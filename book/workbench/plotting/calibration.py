@@ -6,7 +6,6 @@ import io
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -16,7 +15,7 @@ from scipy.spatial.transform import RigidTransform
 from trinolab.camera import Rig
 from trinolab.checks import Array, as_array, as_points
 
-from .basics import COLOURS, subplots
+from .basics import COLOURS, in_style, subplots
 from .pose import FRAME_COLOURS, draw_frame, oblique
 
 if TYPE_CHECKING:
@@ -95,8 +94,7 @@ def plot_calibration_error(table: pd.DataFrame, handle: str, limit_mm: float) ->
             f"handle: expected one of {', '.join(table['handle'].unique())}, got {handle!r}"
         )
     exact = rows.loc[rows["centre_px"] > 0, "centre_px"].min() / _EXACT
-    plt.draw_if_interactive()  # the backend has its say before the context, see `basics.subplots`
-    with plt.rc_context({"font.size": 9}):
+    with in_style({"font.size": 9}):
         figure, axes = subplots(
             2,
             2,
