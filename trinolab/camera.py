@@ -469,7 +469,7 @@ class Rig:
         if self.covariance is not None and self.covariance.parameters != self.parameters:
             if not self.covariance.is_exact:
                 raise ValueError(
-                    f"covariance: expected one of {len(self.parameters)} parameters a camera, "
+                    f"covariance: expected one of {len(self.parameters)} parameters per camera, "
                     f"got {len(self.covariance.parameters)}"
                 )
             n = len(self.parameters) * len(self.cameras)

@@ -454,5 +454,5 @@ def test_a_rig_has_one_model_of_lenses():
     assert [name for name, _ in rig.parameters][7:12] == ["p2", "k3", "k4", "k5", "k6"]
     delta = np.linspace(-1e-4, 1e-4, 36)
     np.testing.assert_allclose(difference(displaced(rig, delta), rig).ravel(), delta, atol=1e-12)
-    with pytest.raises(ValueError, match="expected one of 18 parameters a camera, got 15"):
+    with pytest.raises(ValueError, match="expected one of 18 parameters per camera, got 15"):
         Rig((first, second), RigCovariance(("a", "b"), np.eye(30)))
