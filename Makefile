@@ -115,7 +115,7 @@ SHORT := { n=0; while read -r word what; do case "$$word $$what" in \
 .venv/environment.done: environment.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
 	    { echo 'trinolab needs Python 3.11 or later as $(PYTHON); name another one: make PYTHON=python3.12 ...' >&2; exit 1; }
-	@echo 'making .venv from environment.txt: 200 packages, 1.8 GB, some minutes if they must be fetched'
+	@echo 'making .venv from environment.txt: 200 packages, 2 GB, some minutes if they must be fetched'
 	@rm -rf .venv
 	@{ uv --version >/dev/null 2>&1 && set -x && \
 	    uv venv --quiet --python "$$($(PYTHON) -c 'import sys; print(sys.executable)')" .venv && \

@@ -161,7 +161,6 @@ def one(rig: Rig, fps: float, seconds: float, long: bool) -> bool:
         browser = Browser(Path(folder))
         try:
             browser.open(ours.recv())
-            browser.look_away()
             while not browser.evaluate("Boolean(last && last.status === 'measured')"):
                 time.sleep(0.1)
             browser.evaluate("send({clutch: true})")

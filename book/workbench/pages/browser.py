@@ -1,186 +1,133 @@
-"""A headless Chromium that stays: pages are opened in it one after the other, with the network off.
+"""A headless Chromium in which pages are opened one after the other, with the network off.
 
-It is spoken to by the Chrome DevTools Protocol, a message of JSON at a time.
+Playwright drives the Chromium of the system.
 """
 
 from __future__ import annotations
 
-import base64
-import itertools
 import json
-import os
 import shutil
-import subprocess
-import time
-from collections.abc import Callable
-from contextlib import suppress
+from functools import cache
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
-import websocket
+from playwright.sync_api import ConsoleMessage, Playwright, Request, sync_playwright
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
 )
 FLAGS = [
-    "--headless",
-    "--no-sandbox",
     "--disable-gpu",
-    # one page is open at a time: fewer processes draw it in less time
+    # One page is open at a time: fewer processes draw it in less time.
     "--in-process-gpu",
     "--renderer-process-limit=1",
     "--disable-site-isolation-trials",
     "--disable-quic",
-    "--no-first-run",
-    "--disable-sync",
-    "--disable-background-networking",
-    "--disable-component-update",
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
-    "--remote-debugging-port=0",
-    "--remote-allow-origins=*",
 ]
-ANSWERS_S = 120.0  # an answer that takes longer is none
-# What MathJax has to do is done when its promise is, and figures are there when they are complete.
-READY = """
-(async () => {
-    if (document.readyState !== 'complete')
-        await new Promise(done => addEventListener('load', done, {once: true}));
-    if (window.MathJax && MathJax.startup) await MathJax.startup.promise;
-    return true;
-})()
-"""
-
-# A change of colours, or the opening of a fold, takes the theme a while, which nobody here has time for.
+HANGS_MS = 300_000.0  # a browser that takes longer hangs, however busy the machine is
+# MathJax is ready when its promise is fulfilled.
+READY = "(async () => { if (window.MathJax && MathJax.startup) await MathJax.startup.promise; })()"
+# Changes of colours and of folds are shown without the theme's transitions.
 AT_ONCE = """
 document.head.insertAdjacentHTML('beforeend',
     '<style>*, *::before, *::after { transition: none !important; animation: none !important; }</style>')
 """
 
 
-HANGS_S = 300.0  # a browser that takes longer hangs, however busy the machine is
-
-
-def _wait_until(is_so: Callable[[], bool], process: subprocess.Popen) -> None:
-    """Wait until something is so. Raises TimeoutError if the browser ends before, or hangs."""
-    end = time.monotonic() + HANGS_S
-    while not is_so():
-        if process.poll() is not None or time.monotonic() > end:
-            raise TimeoutError("the browser has ended, or hangs")
-        time.sleep(0.005)
+@cache
+def _playwright() -> Playwright:
+    """The driver, of which a process has one."""
+    return sync_playwright().start()
 
 
 class Browser:
-    """Chromium with a profile of its own in a folder."""
+    """Chromium with a profile in a folder, and the page that is open in it."""
 
     def __init__(self, folder: Path) -> None:
-        self._process = subprocess.Popen(
-            [str(CHROMIUM), *FLAGS, f"--user-data-dir={folder}", "about:blank"],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            env={**os.environ, "HOME": str(folder)},
+        self._context = _playwright().chromium.launch_persistent_context(
+            folder, executable_path=CHROMIUM, args=FLAGS, chromium_sandbox=False
         )
-        port = folder / "DevToolsActivePort"
-        _wait_until(lambda: port.exists() and port.read_text().count("\n") == 1, self._process)
-        number, path = port.read_text().split("\n")
-        self._socket = websocket.create_connection(
-            f"ws://127.0.0.1:{number}{path}", timeout=ANSWERS_S
-        )
-        self._numbers = itertools.count(1)
-        self._session: str | None = None
-        self._target: str | None = None
-        self._addresses: dict[str, str] = {}  # of requests, by their number
-        self.errors: list[str] = []
+        self._context.set_default_timeout(HANGS_MS)
+        self._use(self._context.pages[0])
 
     def open(
         self, address: str, width: int = 1280, height: int = 900, before: str | None = None
     ) -> None:
         """Open a page in a tab of its own and of this size, and wait until its formulas are set.
 
-        `errors` then holds what the console called an error, and requests that failed. A script
-        `before` is run in the page, and in each of its frames, before their own.
+        Parameters
+        ----------
+        address : str
+        width, height : int
+            Of the window, px.
+        before : str, optional
+            A script that is run in the page, and in each of its frames, before their own.
         """
-        self._session = None
-        if self._target is not None:
-            self._ask("Target.closeTarget", {"targetId": self._target})
-        self._target = str(self._ask("Target.createTarget", {"url": "about:blank"})["targetId"])
-        tab = {"targetId": self._target, "flatten": True}
-        self._session = self._ask("Target.attachToTarget", tab)["sessionId"]
-        self.errors.clear()
-        for domain in ("Page", "Runtime", "Log", "Network"):
-            self._ask(f"{domain}.enable")
+        last, page = self.page, self._context.new_page()
+        last.close()
+        self._use(page)
         self.resize(width, height)
         if before is not None:
-            self._ask("Page.addScriptToEvaluateOnNewDocument", {"source": before})
-        self.navigate(address)
+            page.add_init_script(before)
+        page.goto(address)
         self.evaluate(READY)
+
+    def _use(self, page: Any) -> None:
+        """Take a tab; `errors` holds its errors of the console and of requests."""
+        self.page = page
+        self.errors: list[str] = []
+        self._devtools = self._context.new_cdp_session(page)
+        page.on("pageerror", lambda error: self._fail(str(error)))
+        page.on("console", self._note)
+        page.on("requestfailed", self._note_failed)
 
     def navigate(self, address: str) -> None:
         """Begin to load an address in the tab that is open."""
-        self._ask("Page.navigate", {"url": address})
-
-    def look_away(self) -> None:
-        """Hear of requests no more: every frame that a WebSocket brings is one, with all its bytes,
-        and Chromium keeps what nobody takes.
-        """
-        self._ask("Network.disable")
+        self.page.goto(address, wait_until="commit")
 
     def arrives(self, end: str) -> None:
         """Wait until the tab is at an address that ends so: one page may lead to the next by itself."""
-
-        def is_there() -> bool:
-            with suppress(RuntimeError):  # the page has gone while it was asked
-                return str(self.evaluate("location.pathname")).endswith(end)
-            return False
-
-        _wait_until(is_there, self._process)
+        self.page.wait_for_url(lambda address: urlsplit(address).path.endswith(end))
 
     def resize(self, width: int, height: int = 900) -> None:
-        """Give the window another size, in pixels of the page."""
-        self._ask(
-            "Emulation.setDeviceMetricsOverride",
-            {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False},
-        )
+        """Give the window another size, px."""
+        self.page.set_viewport_size({"width": width, "height": height})
 
     def picture(self) -> bytes:
-        """What the window shows, as a PNG file."""
-        return base64.b64decode(self._ask("Page.captureScreenshot")["data"])
+        """The window as a PNG file."""
+        return bytes(self.page.screenshot())
 
     def scheme(self, name: str) -> None:
         """Ask pages for their ``light`` or ``dark`` colours."""
-        features = [{"name": "prefers-color-scheme", "value": name}]
-        self._ask("Emulation.setEmulatedMedia", {"features": features})
+        self.page.emulate_media(color_scheme=name)
 
     def press(self, key: str, up: bool = True) -> None:
         """Press a key, by its name in JavaScript, and let it go again, or not."""
-        code = {"Tab": 9, "Enter": 13, " ": 32, "ArrowRight": 39}.get(key, ord(key[0].upper()))
-        about: dict[str, Any] = {"key": key, "windowsVirtualKeyCode": code}
-        text = {"text": {"Enter": "\r"}.get(key, key)} if len(key) == 1 or key == "Enter" else {}
-        self._ask("Input.dispatchKeyEvent", {"type": "keyDown", **about, **text})
+        self.page.keyboard.down(key)
         if up:
             self.let_go(key)
 
     def let_go(self, key: str) -> None:
         """Let a key go."""
-        self._ask("Input.dispatchKeyEvent", {"type": "keyUp", "key": key})
+        self.page.keyboard.up(key)
 
     def click(self, selector: str) -> None:
         """Click the middle of an element with the mouse, wherever on the page it is."""
-        u, v = self.middle(selector)
-        self._mouse("mousePressed", u, v)
-        self._mouse("mouseReleased", u, v)
+        self.page.mouse.click(*self.middle(selector))
 
     def drag(self, selector: str, right: float, down: float) -> None:
         """Drag from the middle of an element by so many pixels, in ten steps."""
         u, v = self.middle(selector)
-        self._mouse("mousePressed", u, v)
-        for k in range(1, 11):
-            self._mouse("mouseMoved", u + right * k / 10, v + down * k / 10)
-        self._mouse("mouseReleased", u + right, v + down)
+        self.page.mouse.move(u, v)
+        self.page.mouse.down()
+        self.page.mouse.move(u + right, v + down, steps=10)
+        self.page.mouse.up()
 
     def touch(self, kind: str, *place: float, time_s: float | None = None) -> None:
-        """A finger's ``touchStart``, ``touchMove`` or ``touchEnd``, at a place of the window, at a time
-        in s since 1970, or now.
+        """Send a finger's ``touchStart``, ``touchMove`` or ``touchEnd``, at a place of the window, at a
+        time in s since 1970, or now.
         """
         points = [{"x": place[0], "y": place[1]}] if place else []
         when = {} if time_s is None else {"timestamp": time_s}
@@ -196,12 +143,8 @@ class Browser:
         )
         return float(place[0]), float(place[1])
 
-    def _mouse(self, kind: str, u: float, v: float) -> None:
-        about = {"x": u, "y": v, "button": "left", "buttons": 1, "clickCount": 1}
-        self._ask("Input.dispatchMouseEvent", {"type": kind, **about})
-
     def evaluate(self, expression: str) -> Any:
-        """The value of an expression of JavaScript in the page; a promise is waited for."""
+        """The value of an expression of JavaScript in the page's scope; a promise is waited for."""
         answer = self._ask(
             "Runtime.evaluate",
             {"expression": expression, "awaitPromise": True, "returnByValue": True},
@@ -211,7 +154,7 @@ class Browser:
         return answer["result"].get("value")
 
     def picture_of(self, element: str) -> str:
-        """What an element, an expression of JavaScript, shows: a PNG in base64, twice as fine as the
+        """A picture of an element, an expression of JavaScript: a PNG in base64, twice as fine as the
         window.
         """
         clip = self.evaluate(
@@ -222,49 +165,25 @@ class Browser:
         )
         return str(self._ask("Page.captureScreenshot", {"format": "png", "clip": clip})["data"])
 
-    def print(self, **settings: Any) -> str:
-        """The page as a PDF in base64, with the settings of `Page.printToPDF`."""
-        return str(self._ask("Page.printToPDF", settings)["data"])
-
     def close(self) -> None:
-        """End the process."""
-        self._socket.close()
-        self._process.kill()
-        self._process.wait()
+        """End Chromium."""
+        self._context.close()
 
-    def _ask(self, method: str, parameters: dict[str, Any] | None = None) -> dict[str, Any]:
-        number = next(self._numbers)
-        message: dict[str, Any] = {"id": number, "method": method, "params": parameters or {}}
-        if self._session is not None:
-            message["sessionId"] = self._session
-        self._socket.send(json.dumps(message))
-        while True:
-            answer = json.loads(self._socket.recv())
-            if answer.get("id") == number:
-                if "error" in answer:
-                    raise RuntimeError(f"{method}: {answer['error']}")
-                return dict(answer["result"])
-            self._note(answer)
+    def _ask(self, method: str, parameters: dict[str, Any]) -> dict[str, Any]:
+        """An answer by the DevTools protocol, for what Playwright has no call."""
+        return dict(self._devtools.send(method, parameters))
 
-    def _note(self, event: dict[str, Any]) -> None:
-        """Keep what is an error among the events that come by themselves."""
-        about = event.get("params", {})
-        match event.get("method"):
-            case "Runtime.exceptionThrown":
-                self._fail(json.dumps(about["exceptionDetails"])[:300])
-            case "Runtime.consoleAPICalled" if about["type"] in ("error", "assert"):
-                self._fail(f"console: {json.dumps(about['args'])[:300]}")
-            case "Log.entryAdded" if about["entry"]["level"] == "error":
-                self._fail(f"{about['entry']['text']} {about['entry'].get('url', '')}")
-            case "Network.requestWillBeSent":
-                self._addresses[about["requestId"]] = about["request"]["url"]
-            case "Network.loadingFailed" if not about.get("canceled"):
-                address = self._addresses.get(about["requestId"], "")
-                self._fail(f"{about['errorText']} {address}")
+    def _note(self, message: ConsoleMessage) -> None:
+        if message.type in ("error", "assert"):
+            self._fail(f"console: {message.text} {message.location.get('url', '')}")
 
-    def _fail(self, what: str) -> None:
-        """The theme preloads its icons' fonts in a way that a browser refuses for pages read from
-        files; they come all the same, by the style sheet.
+    def _note_failed(self, request: Request) -> None:
+        if request.failure != "net::ERR_ABORTED":  # the page asks for it no more
+            self._fail(f"{request.failure} {request.url}")
+
+    def _fail(self, error: str) -> None:
+        """Keep an error. The theme preloads its icons' fonts in a way that a browser refuses for pages
+        read from files; they come all the same, by the style sheet.
         """
-        if "webfonts/fa-" not in what:
-            self.errors.append(what)
+        if "webfonts/fa-" not in error:
+            self.errors.append(error)

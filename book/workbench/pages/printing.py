@@ -12,7 +12,6 @@ page is looked at: what is blank, cut off or split is an error.
 from __future__ import annotations
 
 import argparse
-import base64
 import io
 import sys
 import tempfile
@@ -35,7 +34,7 @@ from .contents import pages
 from .figures import HTML, ROOT
 
 PDF = ROOT / "_build" / "trinolab.pdf"
-A4_INCHES = (8.27, 11.69)
+HEIGHT_INCHES = 11.69  # of A4
 MARGIN_INCHES = 0.7
 WIDTH_PX = 680  # of A4 without its margins, at 96 px an inch: the page is laid out so
 LOOKED_AT = 0.5  # of 72 dpi: how finely a printed page is looked at
@@ -142,21 +141,17 @@ def _print_page(browser: Browser, html: Path, name: str) -> Printed:
     shots = [browser.picture_of(f"{FRAMES}[{k}]") for k in frames]
     count = browser.evaluate(f"({PREPARE})({shots})")
     title = browser.evaluate(TITLE)
-    pdf = browser.print(
-        paperWidth=A4_INCHES[0],
-        paperHeight=A4_INCHES[1],
-        marginTop=MARGIN_INCHES,
-        marginBottom=MARGIN_INCHES,
-        marginLeft=MARGIN_INCHES,
-        marginRight=MARGIN_INCHES,
-        printBackground=True,
-        displayHeaderFooter=True,
-        headerTemplate="<span></span>",
-        footerTemplate=NUMBER,
-        generateDocumentOutline=True,
-        generateTaggedPDF=True,
+    pdf = browser.page.pdf(
+        format="A4",
+        margin=dict.fromkeys(("top", "bottom", "left", "right"), f"{MARGIN_INCHES}in"),
+        print_background=True,
+        display_header_footer=True,
+        header_template="<span></span>",
+        footer_template=NUMBER,
+        outline=True,
+        tagged=True,
     )
-    return Printed(name, title, count, base64.b64decode(pdf))
+    return Printed(name, title, count, pdf)
 
 
 def join(printed: Sequence[Printed], html: Path) -> bytes:
@@ -196,7 +191,7 @@ def _lead(link: Any, page: str, places: Any, html: Path, writer: PdfWriter) -> N
     link.pop("/Dest", None)
     if target in places:
         start, named = places[target]
-        number, top = named.get(unquote(place), (0, A4_INCHES[1] * 72))
+        number, top = named.get(unquote(place), (0, HEIGHT_INCHES * 72))
         link[NameObject("/Dest")] = ArrayObject(
             [
                 writer.pages[start + number].indirect_reference,

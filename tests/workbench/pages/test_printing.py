@@ -85,7 +85,7 @@ def test_what_is_wrong_with_a_printed_page_is_found(browser, tmp_path, body, fau
     page = tmp_path / "page.html"
     page.write_text(f"<!doctype html><title>t</title><body>{body}", encoding="utf-8")
     browser.open(page.as_uri())
-    pdf = base64.b64decode(browser.print(paperWidth=8.27, paperHeight=11.69))
+    pdf = browser.page.pdf(format="A4", margin={"right": "0.4in", "left": "0.4in"})
     found = printing.faults(printing.Printed("page", "t", body.count("<img"), pdf))
     assert (fault is None) == (found == []), found
     assert fault is None or any(fault in one for one in found), found
@@ -94,7 +94,7 @@ def test_what_is_wrong_with_a_printed_page_is_found(browser, tmp_path, body, fau
 def test_a_picture_that_is_missing_is_found(browser, tmp_path):
     (tmp_path / "page.html").write_text("<p>text</p>", encoding="utf-8")
     browser.open((tmp_path / "page.html").as_uri())
-    pdf = base64.b64decode(browser.print())
+    pdf = browser.page.pdf()
     assert printing.faults(printing.Printed("p", "t", 1, pdf)) == ["p: 0 pictures of 1"]
 
 
