@@ -45,7 +45,7 @@ class Calibrated:
     cameras : tuple of Camera
         The world frame is the first camera's.
     T_world_target : tuple of RigidTransform or None
-        One a view; None for a view that no camera had enough of.
+        One per view; None for a view in which no camera saw enough points.
     covariance : ndarray, shape (q, q)
         Of the cameras' parameters, to first order: for each camera fx, fy, cx, cy (px) and the
         fitted distortions, then for each camera but the first the translation (mm) and rotation
@@ -55,8 +55,8 @@ class Calibrated:
     residuals_px : ndarray, shape (cameras, views, n, 2)
         Projected minus measured; NaN for what was not measured or not used.
     sigma_px : float
-        The noise of a pixel coordinate that the residuals speak for: their squares divided by the
-        degrees of freedom.
+        The noise of a pixel coordinate by the residuals: the root of the sum of their squares divided
+        by the degrees of freedom.
     """
 
     cameras: tuple[Camera, ...]
@@ -73,8 +73,8 @@ class Calibrated:
 
     @property
     def rig_covariance(self) -> RigCovariance:
-        """The covariance as that of a rig: what was fixed has zeros, the first camera's place is
-        exact.
+        """The covariance in the form of a rig's: fixed parameters have zeros, and the first camera's
+        place is exact.
         """
         lens = 4 + self.distortion_terms
         n = len(self.cameras)
@@ -160,8 +160,8 @@ def calibrate(
     target : array_like, shape (n, 3)
         Points of the target in its frame, mm; z = 0.
     uv : array_like, shape (cameras, views, n, 2)
-        Where they were found, px; NaN for what was not found. A camera's view with fewer than four
-        points, or with points on one line, is left out.
+        Their measured pixels; NaN for a point that was not detected. A view with fewer than four
+        points, or with all points on one line, is left out.
     sizes : sequence of (int, int)
         Width and height of each camera's images.
     names : sequence of str, optional
@@ -170,11 +170,11 @@ def calibrate(
         How many of k1, k2, p1, p2, k3, k4, k5, k6 are fitted, in this order: 0, 1, 2, 4, 5 or 8. The
         others are zero.
     start : Calibrated, optional
-        What is started from instead of Zhang's start: a calibration of the same views, or more of
-        them, perhaps with other distortions. What it did not use is left out.
+        A calibration of the same views, or of more, perhaps with other distortions, that replaces
+        Zhang's start. Views that it did not use are left out.
     lenses : sequence of Camera, optional
-        One for each camera whose matrix and distortions are known, and stay as they are: places
-        alone are adjusted. Needs as many `distortion_terms` as they have, and no `start`.
+        Cameras whose matrices and distortions are known and held; only the places are adjusted.
+        Requires as many `distortion_terms` as they have, and no `start`.
 
     Returns
     -------
@@ -235,7 +235,7 @@ def _checked(
 
 
 def camera_of(name: str, size: tuple[int, int], lens: Array, T_world_cam: RigidTransform) -> Camera:
-    """A camera with a lens as `model.State` has it."""
+    """A camera of one lens of `model.State`."""
     fx, fy, cx, cy = lens[:4]
     matrix = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     return Camera(name, size, matrix, lengthened(lens[4:], PLUMB_BOB), T_world_cam.inv())
@@ -288,7 +288,7 @@ def _check_count(k: int, views: int) -> None:
 
 
 def lenses_of(cameras: Sequence[Camera], terms: int) -> Array:
-    """fx, fy, cx, cy and distortions as `model.State` has them."""
+    """The `lenses` of a `model.State`: fx, fy, cx, cy and distortions."""
     return np.array(
         [
             [*camera.focal, *camera.principal_point, *lengthened(camera.distortions, terms)[:terms]]
@@ -298,7 +298,7 @@ def lenses_of(cameras: Sequence[Camera], terms: int) -> Array:
 
 
 def matrices(poses: Iterable[RigidTransform | None]) -> Array:
-    """Those of the poses that there are, (m, 4, 4)."""
+    """The matrices of poses, (m, 4, 4)."""
     return np.stack([T.as_matrix() for T in poses if T is not None])
 
 
@@ -316,8 +316,8 @@ def _start(target: Array, views: Array, size: tuple[int, int], k: int) -> tuple[
 
 
 def _well_seen(H: list[Array | None], views: Array) -> list[Array]:
-    """Homographies of views with two thirds of the most points or more: few points speak badly of
-    the lens.
+    """The homographies of views with at least two thirds of the largest number of points: those of
+    fewer points determine the lens poorly.
     """
     counts = np.isfinite(views).all(axis=2).sum(axis=1)
     enough = [
@@ -360,8 +360,8 @@ def _chained(T_cam_target: list[Poses]) -> tuple[list[RigidTransform], Poses]:
 
 
 def _adjusted(target: Array, uv: Array, start: State, held: int = 0) -> tuple[State, Array, float]:
-    """The state of least squares, the covariance of its common unknowns, and the pixel noise; the first
-    of the common unknowns, so many, are held.
+    """The least-squares state, the covariance of its common unknowns and the pixel noise; the first
+    `held` of the common unknowns stay as they are.
     """
     measured = int(np.isfinite(uv).sum())
     unknowns = start.common - held + 6 * len(start.T_world_target)
@@ -411,15 +411,14 @@ def inverse(normal: Normal) -> Array:
 def posed(
     calibrated: Calibrated, target: Array, uv: Array, T_world_target: Sequence[RigidTransform]
 ) -> Array:
-    """Residuals of the best poses of a target, projected minus measured, with the cameras as they
-    are.
+    """The residuals (projected minus measured) of a target's best poses, with the cameras held.
 
     Parameters
     ----------
     calibrated : Calibrated
     target : ndarray, shape (n, 3)
     uv : ndarray, shape (cameras, views, n, 2)
-        px; NaN for what was not found. At least four points a view.
+        px; NaN for a point that was not detected. At least four points per view.
     T_world_target : sequence of RigidTransform
         Of each view, right to about a degree.
 
@@ -451,7 +450,7 @@ def posed(
 
 
 def _cost(uv: Array, measured: Array) -> float:
-    """Half the sum of squares; not a number where cameras do not see what was measured."""
+    """Half the sum of squared residuals; NaN if a measured point is outside a camera's model."""
     return float(((uv - measured)[np.isfinite(measured)] ** 2).sum()) / 2
 
 

@@ -4,28 +4,27 @@ The image of marker m, at X_m in the handle's frame, at instant i in camera c is
 
     p = lens_c(R_c (R_i X_m + t_i) + t_c),
 
-where R_c, t_c are T_cam_world and R_i, t_i are T_world_handle. Measured images of the centres decide
-on all of these at once: whoever calibrates with a target knows the target and not its poses, and
-here the markers are the target (Triggs, McLauchlan, Hartley and Fitzgibbon 2000, *Bundle
-adjustment*, DOI 10.1007/3-540-44480-7_21; Hartley and Zisserman 2004, ch. 18).
+where R_c, t_c are T_cam_world and R_i, t_i are T_world_handle. The measured images of the centres
+determine all of these together, as those of a target of known points determine its poses; here the
+markers are the target (Triggs, McLauchlan, Hartley and Fitzgibbon 2000, *Bundle adjustment*, DOI
+10.1007/3-540-44480-7_21; Hartley and Zisserman 2004, ch. 18).
 
 **What is minimised.** With r the measured pixels less the predicted ones, C their covariances, and
 g the change of the cameras' parameters and of the markers' places,
 
     sum of rho(r^T C^-1 r) + g^T P^-1 g.
 
-rho is Huber's function: a centre far from where it should be counts for less. P is the prior, what
-is known before: the covariance of the rig, and how well the markers are placed. What the images
-cannot decide, as the focal length of a camera that sees the handle at one distance alone, stays
-where the prior has it, with the prior's uncertainty. The sum is the negative logarithm of the
-posterior density, up to a factor, and the inverse of its second derivatives the posterior
-covariance.
+rho is Huber's function, which gives less weight to a centre far from its prediction. P is the prior
+covariance, of the rig's parameters and of the markers' placement. A parameter that the images do not
+determine, such as the focal length of a camera that sees the handle at one distance only, keeps its
+prior value and uncertainty. The sum is the negative logarithm of the posterior density, up to a factor,
+and the inverse of its second derivatives the posterior covariance.
 
 **Normal equations.** Common unknowns are those of rig and markers; the poses are eliminated, see
 `normal`.
 
-`prior` says what B in g = B u is, by which all common unknowns have the prior of unit variance,
-and how the gauge is held.
+`prior` defines the matrix B in g = B u, with which all common unknowns have a prior of unit variance,
+and the gauge.
 """
 
 from __future__ import annotations
@@ -88,13 +87,13 @@ class Bundle:
     poses : RigidTransform
         T_world_handle of the n instants, a batch.
     covariance : ndarray, shape (15 c + 3 m, 15 c + 3 m)
-        Of the cameras' parameters, as in `camera.RigCovariance`, and the markers' centres (mm,
-        handle frame), together.
+        The joint covariance of the cameras' parameters, as in `camera.RigCovariance`, and of the
+        markers' centres (mm, handle frame).
     residuals_px : ndarray, shape (k, 2)
         Measured less predicted, one row a centre.
     sigma_factor : float
-        By how much larger the residuals are than the centres' covariances say, at least 1; the
-        covariance counts it in.
+        Ratio of the residuals to their expected size by the centres' covariances, at least 1; the
+        covariance includes it.
     """
 
     rig: Rig
@@ -131,7 +130,7 @@ class _Problem(NamedTuple):
 
     @property
     def of_cameras(self) -> int:
-        """The number of the cameras' parameters."""
+        """The number of camera parameters."""
         return len(self.rig.cameras) * len(self.rig.parameters)
 
     @property
@@ -155,7 +154,7 @@ def adjust(rig: Rig, handle: Handle, poses: RigidTransform, seen: Centres, prior
     Parameters
     ----------
     rig, handle
-        What is started from, and what the prior speaks of.
+        The start of the adjustment and the mean of the prior.
     poses : RigidTransform
         T_world_handle of n instants, a batch, right to about a degree.
     seen : Centres
@@ -206,9 +205,7 @@ def _placed(problem: _Problem, u: Array, rotations: Array, translations: Array) 
 
 
 def _minimised(problem: _Problem, state: _State, factor: float) -> tuple[_State, _Linear]:
-    """The state of the lowest cost, for a noise that is larger by a factor, and its
-    linearisation.
-    """
+    """The state of the lowest cost for a noise scaled by a factor, and its linearisation."""
 
     def linearised(state: _State) -> tuple[_Linear, float]:
         at = _linearised(problem, state)
@@ -287,7 +284,7 @@ def _reduced(
 
 
 def _weights(seen: Centres, at: _Linear, factor: float) -> tuple[Array, Array]:
-    """Inverse covariances (k, 2, 2), and how many standard deviations each residual is long, (k,)."""
+    """Inverse covariances (k, 2, 2), and the length of each residual in standard deviations, (k,)."""
     weight = np.asarray(np.linalg.inv(seen.covariance), dtype=float) / factor**2
     square = np.einsum("ki,kij,kj->k", at.residual, weight, at.residual)
     return weight, np.sqrt(square)
@@ -335,9 +332,7 @@ def _stepped(problem: _Problem, state: _State, reduced: Reduced) -> _State:
 
 
 def _noise(problem: _Problem, at: _Linear, reduced: Reduced, factor: float) -> float:
-    """The ratio of the residuals to the expected noise, corrected for the unknowns that they
-    decide.
-    """
+    """The ratio of the residuals to the expected noise, corrected for the unknowns that they determine."""
     _, distance = _weights(problem.seen, at, factor)
     # of a common unknown the images decide the share that the prior does not
     decided = len(problem.B.T) - np.trace(np.linalg.inv(reduced.S))

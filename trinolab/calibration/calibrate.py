@@ -1,4 +1,4 @@
-"""The command ``trinolab calibrate``: images of a target to a rig file, with what a person needs to
+"""The command ``trinolab calibrate``: from images of a target to a rig file, with a report by which to
 judge it.
 """
 
@@ -58,17 +58,18 @@ class RigCalibration(NamedTuple):
     passed_over : int
         Views that were not looked at.
     notes : tuple of str
-        What a person should know of the target: how it looks, and what its size makes of the cameras.
+        Remarks about the target: its appearance, and the distances that follow from its size.
     warnings : tuple of str
-        What was wrong with the views, and what was done about it.
+        Faults of the views, each with its remedy.
     choice : Choice or None
-        How the number of distortions was chosen; None if it was given.
+        The choice of the number of distortions; None if it was given.
     files : tuple of Path
-        What was written: rig, its covariance, views, picture.
+        The files written: rig, its covariance, views, picture.
     synchrony : Synchrony or None
-        When the cameras take their images, after whole frames are paired again; None where nothing shows
-        that it is not at once. It is allowed for where the lenses are known, or where the residuals are
-        smaller with it; else the covariance holds the difference that it makes.
+        The times at which the cameras take their images, after whole frames are paired again; None
+        where the cameras are synchronous as far as the views show. The calibration includes them where
+        the lenses are known or the residuals become smaller; elsewhere the covariance includes the
+        difference.
     """
 
     found: Calibrated
@@ -113,7 +114,7 @@ def calibrate_rig(
         Of more views than that some are passed over, evenly.
     distortion_terms : int, optional
         How many of k1, k2, p1, p2, k3, k4, k5, k6 are estimated, in this order: 0, 1, 2, 4, 5 or 8.
-        Without it as many as the views can tell, see `distortions`.
+        By default as many as the views determine, see `distortions`.
     progress : bool
         Show progress bars on standard error, if that is a terminal.
     picture : callable, optional
@@ -169,7 +170,7 @@ def calibrate_rig(
 
 
 class _Solved(NamedTuple):
-    """A calibration, the views with which it was made, and what was done to these."""
+    """A calibration, the views from which it was made, and the changes to these."""
 
     seen: TargetViews
     calibrated: Calibrated
@@ -188,7 +189,7 @@ def _solved(
     known: list[Camera] | None,
     report: Callable[[str], object],
 ) -> _Solved:
-    """The calibration of views, or if they contradict each other of views that are flipped or shifted."""
+    """The calibration of the views or, if they contradict each other, of flipped or shifted views."""
     seen, turned = upright(seen, target)
     lines = [turned] if turned else []
     shifts = (0,) * len(seen.cameras)
@@ -227,7 +228,7 @@ def _solved(
 
 
 def _later(solved: _Solved) -> list[int]:
-    """By how many frames each camera's views are to be paired again; none where another program has
+    """The number of frames by which each camera's views are to be shifted; 0 where another program has
     paired them by their times.
     """
     seen, synchrony = solved.seen, solved.synchrony
@@ -336,7 +337,7 @@ def _outputs(out: str | Path, pictured: bool) -> tuple[Path, ...]:
 def _reporting(
     cameras: int, terms: int | None, progress: bool
 ) -> Iterator[Callable[[str], object]]:
-    """Yields what shows a step's name in a progress bar."""
+    """A function that shows a step's name in a progress bar."""
     # each camera, all of them, each number of coefficients, their times, the files
     steps = cameras + 3 + (len(TERMS) if terms is None else 0)
     with tqdm(total=steps, unit="step", leave=False, disable=None if progress else True) as bar:
@@ -411,8 +412,8 @@ def _calibrated(
     lenses: Sequence[Camera] | None,
     report: Callable[[str], object],
 ) -> tuple[Calibrated, np.ndarray, Choice | None]:
-    """The calibration, why views were dropped, and how the distortions were chosen; an error speaks
-    of cameras by their names.
+    """The calibration, the reasons for dropped views, and the choice of the distortions; errors name
+    the cameras.
     """
     given = (target.points, seen.uv, seen.sizes, seen.cameras)
     choice = None
@@ -443,7 +444,7 @@ def _calibrated(
 
 
 def _causes(seen: TargetViews, target: Target) -> str:
-    """What may be wrong with views that no cameras explain."""
+    """Possible faults of views that no cameras explain."""
     causes = ["views of one name do not show one position of the target"]
     if target.two_ways:
         causes.append(
@@ -454,7 +455,7 @@ def _causes(seen: TargetViews, target: Target) -> str:
 
 
 def _wide_lens(seen: TargetViews, target: Target) -> str:
-    """A clause about the widest lens, as wide as the closed form has it, if it is a wide one."""
+    """A clause about the widest lens by the closed form, if it is a wide one."""
     widest, name = 0.0, ""
     for camera, views, size in zip(seen.cameras, seen.uv, seen.sizes, strict=True):
         H = [homography(target.points[:, :2], uv) for uv in views]
@@ -527,8 +528,8 @@ def _place(found: Calibrated, camera: int) -> tuple[Array, Array]:
 
 
 def as_lines(result: RigCalibration) -> list[str]:
-    """A calibration as lines of text: errors, parameters with their standard deviations, what was
-    dropped and why.
+    """A calibration as lines of text: errors, parameters with their standard deviations, and dropped
+    views with their reasons.
     """
     calibrated, views = result.found, result.views
     lines = [f"{'camera':12s} {'views':>6s} {'points':>7s} {'rms / px':>9s}"]

@@ -2,12 +2,12 @@
 over the views (Sect. 6.2).
 
 A lens model with more coefficients always fits its own views better, and its reported uncertainty
-speaks of noise alone. Whether it describes the lens is seen in views that were not used: cameras
-are calibrated without some of the views, the target's pose in each of these is found with the
-cameras held, and what is left of the points is the model's error. The fewest coefficients are
-chosen whose error is not worse than the best by more than its standard error (Hastie, Tibshirani
-and Friedman 2009, The Elements of Statistical Learning, sect. 7.10). The rational model's eight are
-tried where five are better than any fewer, and taken where they are better still.
+speaks of noise alone. Views that were not used show whether it describes the lens: cameras are
+calibrated without some of the views, the target's pose in each of these is fitted with the cameras
+held, and the remaining residuals are the model's error. The fewest coefficients are chosen whose error
+is not worse than the best by more than its standard error (Hastie, Tibshirani and Friedman 2009, The
+Elements of Statistical Learning, sect. 7.10). The rational model's eight are tried where five are
+better than any fewer, and taken where they are better still.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ FAR_WORSE = 1.5
 
 
 class Choice(NamedTuple):
-    """The number of distortion coefficients, and what speaks for it.
+    """The number of distortion coefficients, and the evidence for it.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class Choice(NamedTuple):
         For each number that can be fitted the rms distance of points in views that were left out, px.
         Empty where there are too few views to leave some out.
     undecided : tuple of int
-        The numbers that the views cannot tell from the best one, by falling simplicity; `terms` is
+        The numbers that the views do not distinguish from the best one, the smallest first; `terms` is
         the first of them.
     """
 
@@ -59,7 +59,7 @@ def calibrate_by_choice(
     names: Sequence[str],
     report: Callable[[str], object] = silent,
 ) -> tuple[Calibrated, np.ndarray, Choice]:
-    """Calibrate with as many distortion coefficients as the views can tell.
+    """Calibrate with as many distortion coefficients as the views determine.
 
     Where several numbers of coefficients do equally well, the fewest are taken, and the covariance
     has, beside that of noise, the mean square of the others' differences from this result.
@@ -116,8 +116,8 @@ def calibrate_by_choice(
 
 
 def _describing(every: dict[int, Calibrated], squares: dict[int, Array], most: int) -> Choice:
-    """The choice by the views left out, or without them that of most coefficients; of one that leaves far
-    more than another the other.
+    """The choice by the left-out views or, without them, that of the most coefficients; never one whose
+    residuals are far above another's.
     """
     choice = chosen(squares) if squares else Choice(most, {}, ())
     closest = min(every, key=lambda terms: every[terms].sigma_px)
@@ -133,7 +133,7 @@ def _of_most_terms(
     names: Sequence[str],
     report: Callable[[str], object],
 ) -> tuple[Calibrated, np.ndarray]:
-    """The calibration with as many coefficients as the views determine at all."""
+    """The calibration with the largest number of coefficients that the views determine."""
     for terms in TERMS[-2:0:-1]:
         try:
             return calibrate_robustly(target, uv, sizes, names, terms, report)
@@ -199,8 +199,8 @@ def chosen(squares: dict[int, Array]) -> Choice:
 
 
 def spread_of_cameras(other: Calibrated, best: Calibrated) -> Array:
-    """The outer product (q, q) of how far another calibration's cameras lie from the best one's, in
-    the order of `Calibrated.covariance`.
+    """The outer product (q, q) of the difference between another calibration's cameras and the best
+    one's, in the order of `Calibrated.covariance`.
     """
     a, b = (lenses_of(found.cameras, best.distortion_terms) for found in (other, best))
     places = [

@@ -43,7 +43,7 @@ def relative_pose(T_left_target: RigidTransform, T_right_target: RigidTransform)
     Returns
     -------
     RigidTransform
-        T_left_right: X_l = R_rl X_r + T_rl. As many as came in.
+        T_left_right: X_l = R_rl X_r + T_rl; as many as were given.
     """
     for name, value in (("T_left_target", T_left_target), ("T_right_target", T_right_target)):
         if not isinstance(value, RigidTransform):

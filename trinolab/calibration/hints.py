@@ -14,8 +14,8 @@ AGREE = 2  # images on a larger chessboard: a shadow may look like one more row 
 
 
 def hint(target: Target, markers: Sequence[tuple[int, ...]] = ()) -> str:
-    """A line about a target that is not found: what was looked for, and what to try. Of images with
-    markers that its board does not have, it says which these are.
+    """A line about a target that is not detected: the appearances tried, and the options to check. It
+    names the markers seen that are not the board's.
     """
     counts = Counter(number for of in markers for number in set(of))
     others = [n for n, count in counts.items() if count >= AGREE and n not in target.markers]

@@ -1,8 +1,8 @@
-"""Views of a recording that do not fit the others: found and left out of a bundle adjustment, each
+"""Views of a recording that do not fit the others: detected and left out of a bundle adjustment, each
 with its reason.
 
-A view is what one camera saw at one instant. A hand before a marker, a camera that was late, a wrong
-identity spoil it.
+A view is one camera's image of one instant. A hand in front of a marker, a late camera or a wrong
+identity spoils it.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ class Cleaned(NamedTuple):
     ----------
     bundle : Bundle
     instants : ndarray of int
-        Those that were used, in the order of `bundle.poses`.
+        The instants used, in the order of `bundle.poses`.
     seen : Centres
-        What was used, row by row as `bundle.residuals_px`; `seen.instant` counts along `instants`.
+        The centres used, row by row as `bundle.residuals_px`; `seen.instant` counts along `instants`.
     reasons : ndarray of str, shape (n, cameras)
-        Why a camera's view of an instant was left out; empty for those that were used, and where
-        nothing was seen.
+        The reason for leaving out a camera's view of an instant; empty for views that were used, and
+        where nothing was seen.
     """
 
     bundle: Bundle
@@ -46,8 +46,7 @@ class Cleaned(NamedTuple):
 def adjust_robustly(
     rig: Rig, handle: Handle, poses: RigidTransform, seen: Centres, prior: Prior
 ) -> Cleaned:
-    """Adjust without the views (what a camera saw at an instant) whose residuals are far above
-    those of its other views.
+    """Adjust without the views whose residuals are far above those of the camera's other views.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Images of a flat target in several cameras: where its points are seen, the slopes, and the normal
+"""Images of a flat target in several cameras: its points' pixels, their derivatives, and the normal
 equations of an adjustment (Sect. 6.2).
 
 A target point P is at W = R_v P + t_v in the world, which is the first camera's frame, at L = R_c^T
@@ -33,7 +33,7 @@ class State(NamedTuple):
         fx, fy, cx, cy (px) and the first m of k1, k2, p1, p2, k3, k4, k5, k6; the others are zero.
     T_world_cam : ndarray, shape (cameras, 4, 4)
     T_world_target : ndarray, shape (views, 4, 4)
-        Matrices: SciPy's motions check themselves at every step.
+        Matrices, because SciPy's motions check themselves at every step.
     """
 
     lenses: Array
@@ -47,7 +47,7 @@ class State(NamedTuple):
 
 
 class Images(NamedTuple):
-    """The target's points in all images, and their slopes.
+    """The target's points in all images, and their derivatives.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ class Images(NamedTuple):
         px; NaN behind a camera and beyond its lens model's range.
     by_lens : ndarray, shape (cameras, views, n, 2, 4 + m)
     by_camera, by_view : ndarray, shape (cameras, views, n, 2, 6)
-        By a shift and a turn of T_world_cam and of T_world_target.
+        With respect to a shift and a turn of T_world_cam and of T_world_target.
     """
 
     uv: Array
@@ -102,8 +102,8 @@ def normal_equations(
     uv : ndarray, shape (cameras, views, n, 2)
         Measured points, NaN where there is none.
     velocity : ndarray, shape (cameras, views, n, 2), optional
-        Slopes by the delays of all cameras but the first, which are common unknowns then, the last of
-        them.
+        Derivatives with respect to the delays of all cameras but the first; these are then the last of
+        the common unknowns.
     whitened : callable, optional
         Makes the columns (views, 2 n, k) of a camera, given by its number, those of unit noise.
     """

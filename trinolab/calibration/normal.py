@@ -1,5 +1,5 @@
-"""Normal equations of common unknowns and of many poses: the poses eliminated, and damped steps until
-nothing falls any more.
+"""Normal equations of common unknowns and of many poses: the elimination of the poses, and damped steps
+until the cost falls no more.
 
 A Gauss-Newton step of a bundle adjustment solves
 
@@ -8,9 +8,9 @@ A Gauss-Newton step of a bundle adjustment solves
 
 for the step dg of the common unknowns and dp of the poses. D consists of a block of 6 x 6 for each
 pose, since an image knows one pose alone. The poses are eliminated (Schur complement): (A - E D^-1
-E^T) dg = a - E D^-1 b, then dp = D^-1 (b - E^T dg). So the size of what is solved does not grow with
-the number of poses. The inverse of the Schur complement is the covariance of the common unknowns
-with the poses unknown (Triggs, McLauchlan, Hartley and Fitzgibbon 2000, *Bundle adjustment*, DOI
+E^T) dg = a - E D^-1 b, then dp = D^-1 (b - E^T dg). So the system's size does not grow with the number
+of poses. The inverse of the Schur complement is the covariance of the common unknowns with the poses
+unknown (Triggs, McLauchlan, Hartley and Fitzgibbon 2000, *Bundle adjustment*, DOI
 10.1007/3-540-44480-7_21, sect. 6.1).
 """
 
@@ -47,12 +47,12 @@ class Normal(NamedTuple):
     b: Array
 
     def without(self, held: int) -> Normal:
-        """The equations with the first of the common unknowns, so many, held where they are."""
+        """The equations with the first `held` common unknowns fixed."""
         return self._replace(A=self.A[held:, held:], a=self.a[held:], E=self.E[:, :, held:])
 
 
 class Reduced(NamedTuple):
-    """Normal equations of the common unknowns alone, and what gives the poses back.
+    """Normal equations of the common unknowns alone, and the matrices that give the poses' steps.
 
     Attributes
     ----------
@@ -78,8 +78,8 @@ class Reduced(NamedTuple):
 
 
 class Descent(NamedTuple):
-    """The result of damped steps: the state, its linearisation and its cost, and whether they came
-    to rest.
+    """The result of damped steps: the state, its linearisation and its cost, and whether the steps
+    converged.
     """
 
     state: Any

@@ -1,10 +1,9 @@
-"""Views of a target that do not fit the others: found and left out, each with its reason
-(Sect. 6.2).
+"""Views of a target that do not fit the others: detected and left out, each with its reason (Sect.
+6.2).
 
 A least squares over all views has no defence against a target that moved during the exposure, or
-two images that do not belong together. Each camera is calibrated alone first, then every two
-cameras are asked whether they agree on how they stand to each other (Eq. 25), and the joint
-adjustment has the last word.
+two images that do not belong together. Each camera is calibrated alone first; then the relative poses
+of every two cameras (Eq. 25) are compared; at last the residuals of the joint adjustment decide.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ _ROUNDING_PX = 1e-3  # residuals that are no reason to leave out a view
 
 
 def silent(step: str) -> None:
-    """Tells nobody what is done next."""
+    """A report that shows nothing."""
 
 
 def calibrate_robustly(
@@ -50,14 +49,14 @@ def calibrate_robustly(
     target, uv, sizes, names, distortion_terms, lenses
         As `adjust.calibrate` takes them.
     report : callable, optional
-        Is told what is done next, to show it to a person who waits.
+        Called with the name of each step, to show progress.
 
     Returns
     -------
     Calibrated
         Of the views that were used.
     reasons : ndarray of str, shape (cameras, views)
-        Why a view was left out; empty for those that were used.
+        The reason for leaving out a view; empty for views that were used.
 
     Raises
     ------
@@ -89,13 +88,13 @@ def calibrate_robustly(
 
 
 def _leave_out(uv: Array, reasons: np.ndarray, why: np.ndarray) -> None:
-    """Drop the views (cameras, views) that have a reason and none before, in place."""
+    """Drop, in place, the views (cameras, views) that have a reason for the first time."""
     new = (why != "") & (reasons == "")
     reasons[new], uv[new] = why[new], np.nan
 
 
 def too_few(target: Array, uv: Array) -> np.ndarray:
-    """Reasons (cameras, views) that lie in the number and the place of the points."""
+    """Reasons (cameras, views) from the number and the places of the points."""
     counts = np.isfinite(uv).all(axis=3).sum(axis=2)
     why = np.full(counts.shape, "", object)
     for at in np.ndindex(counts.shape):
@@ -131,8 +130,8 @@ def _fitted(
 
 
 def far_above(rms: Array) -> np.ndarray:
-    """Reasons (cameras, views) that lie in the residuals, of the worst views only: the others may
-    suffer from them.
+    """Reasons (cameras, views) from the residuals, for the worst views only: these may raise the
+    residuals of the others.
     """
     typical = np.array([np.median(row[np.isfinite(row)]) for row in rms])[:, None]
     excess = np.nan_to_num(rms / np.maximum(FAR_ABOVE * typical, _ROUNDING_PX))
@@ -145,8 +144,8 @@ def far_above(rms: Array) -> np.ndarray:
 
 
 def _disagreeing(T_cam_target: list[Poses], names: Sequence[str]) -> np.ndarray:
-    """Reasons (cameras, views) that lie in the relative poses: where cameras see the target in
-    different places.
+    """Reasons (cameras, views) from the relative poses: cameras that see the target in different
+    places.
     """
     against = np.zeros((len(names), len(names), len(T_cam_target[0])), bool)
     for a in range(len(names)):
@@ -167,8 +166,8 @@ def _disagreeing(T_cam_target: list[Poses], names: Sequence[str]) -> np.ndarray:
 
 
 def _unlike(first: Poses, second: Poses) -> np.ndarray:
-    """Views, bool (views,), whose relative pose of two cameras is far from that of most; none if
-    fewer than three.
+    """The views, bool (views,), in which the relative pose of two cameras is far from that in most
+    views; none if fewer than three.
     """
     shared = [
         v

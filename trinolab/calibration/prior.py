@@ -1,15 +1,13 @@
-"""Prior knowledge of a rig and a handle before a bundle adjustment, and the unknowns that it
-leaves.
+"""The prior of a rig and a handle in a bundle adjustment, and the unknowns that it leaves.
 
-**Unknowns of unit variance.** With P = B B^T and g = B u the prior of u is the unit matrix. What is known
-exactly has no column in B, and px, mm and rad stand on one footing.
+**Unknowns of unit variance.** With P = B B^T and g = B u the prior of u is the unit matrix. A parameter
+that is known exactly has no column in B, and u has no units.
 
 **Gauge.** Three motions change no image: of the world, of the handle's frame with all markers in
 it, and the scale. The world is held by the first camera, whose place and direction do not change.
 The handle's frame is held by the markers: their changes have no part that is a rigid motion of all
-of them, so that columns of B are orthogonal to these six. That says what the new frame *is*: the
-one in which the markers lie nearest to where they were. The scale is held by a length that is
-stated, else by the prior.
+of them, so that columns of B are orthogonal to these six. This defines the new frame: the one in which
+the markers move least. The scale is held by a length that is stated, else by the prior.
 """
 
 from __future__ import annotations
@@ -43,16 +41,16 @@ class Length(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """Prior knowledge of a rig and a handle.
+    """The prior of a rig and a handle.
 
     Attributes
     ----------
     rig : ndarray, shape (15 c, 15 c)
-        As the matrix of `camera.RigCovariance`; zeros for the first camera's place and direction.
+        The matrix of `camera.RigCovariance`, with zeros for the first camera's place and direction.
     placement_sigma_mm : float
         Of each coordinate of each marker's centre; 0 holds them all.
     length : Length or None
-        What holds the scale; None where the two above do.
+        The length that fixes the scale; None where the covariances above do.
     """
 
     rig: Array
@@ -61,11 +59,11 @@ class Prior(NamedTuple):
 
 
 def prior_of(rig: Rig, handle: Handle, length: Length | None = None) -> Prior:
-    """The prior of a rig and a handle: what they state, else the `default_covariance`.
+    """The prior of a rig and a handle: the covariances that they state, else the `default_covariance`.
 
-    A rig that states nothing has the scale held by the distance of its first two cameras, if no
-    other length is given. So does one that is stated to be exact, as the bench's is: who adjusts it
-    doubts that. The same holds for a handle.
+    If no length is given, the distance of the first two cameras fixes the scale of a rig that states no
+    covariance. The same holds for a rig that is stated to be exact, such as the bench's, because an
+    adjustment assumes that it may be wrong; and for a handle.
     """
     if known_covariance(rig).is_exact:
         rig = replace(rig, covariance=None)
@@ -81,8 +79,8 @@ def prior_of(rig: Rig, handle: Handle, length: Length | None = None) -> Prior:
 
 
 def _held_by_first(rig: Rig, covariance: Array) -> Array:
-    """The covariance of a rig in the world that its first camera holds: what that camera's place and
-    direction are off by is a motion of the world, which the other cameras are off by instead.
+    """The covariance of a rig in the world of its first camera: an error of that camera's place and
+    direction is a motion of the world, which becomes an error of the other cameras.
     """
     n = len(rig.parameters)
     of_first = slice(n - POSE, n)

@@ -1,7 +1,7 @@
-"""Whether the stated size of a target can be: how far away it would be (Sect. 6.2).
+"""A check of the stated size of a target by the distance that follows from it (Sect. 6.2).
 
-Images say nothing of the scale. A square in metres where mm are expected makes a rig that is right in
-all angles, and a thousandth as large.
+Images do not determine the scale. A square in metres where mm are expected gives a rig with correct
+angles and a thousandth of the size.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ UNITS_MM = {"m": 1000.0, "cm": 10.0, "inches": 25.4, "micrometres": 1e-3}
 
 
 def check_scale(seen: TargetViews, target: Target) -> None:
-    """Refuse a target's size with which it would be nearer or farther than can be; ask by the log
-    about one that is unusual.
+    """Refuse a size of a target that puts it at an impossible distance; log a question about one that
+    puts it at an unusual distance.
 
     Raises
     ------
     ValueError
-        Says how far away the target would be, and in which unit its size was likely given.
+        States the distance of the target, and the unit in which its size was probably given.
     """
     poses = [
         [T for T in target_poses(target.points, uv, size) if T is not None]

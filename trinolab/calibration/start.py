@@ -1,8 +1,7 @@
 """Starting values of a calibration in closed form: homographies, the intrinsic matrix, the target's
 poses (Sect. 6.2).
 
-After Zhang (2000), with no skew. Nothing here knows about lens distortion; `calibration` refines
-all of it.
+After Zhang (2000), without skew and without lens distortion; `adjust` refines all of it.
 """
 
 from __future__ import annotations
@@ -22,15 +21,13 @@ def homography(xy: ArrayLike, uv: ArrayLike) -> Array | None:
     Parameters
     ----------
     xy, uv : array_like, shape (n, 2)
-        Row by row the same point, in the plane and in the image; rows with NaN in either are left
-        out.
+        Corresponding points, in the plane and in the image; rows with NaN in either are left out.
 
     Returns
     -------
     ndarray, shape (3, 3), or None
         ``[u, v, 1] ~ H [x, y, 1]``, scaled so that the points have positive third coordinates; None
-        if fewer than four points are left, or four or more of which so many lie on one line that
-        they do not determine it.
+        if fewer than four points are left, or if too many of them lie on one line to determine it.
     """
     xy = as_points(xy, "xy", 2)
     uv = as_array(uv, "uv", xy.shape, finite=False)
@@ -54,9 +51,9 @@ def intrinsics(homographies: ArrayLike, size: tuple[int, int]) -> Array:
     form.
 
     Each homography ``H = K [r1 r2 t]`` gives two equations for ``B = K^-T K^-1``, because r1 and r2
-    are perpendicular and of one length. If noise makes the answer no camera, or puts the principal
-    point outside the image, the principal point is taken to be the image's centre and the focal
-    lengths alone are solved for.
+    are perpendicular and of one length. If, because of noise, the solution is no camera or its
+    principal point lies outside the image, the image's centre becomes the principal point, and only the
+    focal lengths are solved for.
 
     Parameters
     ----------
@@ -122,15 +119,15 @@ def target_pose(H: ArrayLike, K: ArrayLike) -> RigidTransform:
 
 
 def target_poses(points: Array, views: Array, size: tuple[int, int]) -> list[RigidTransform | None]:
-    """T_cam_target in each view of a camera whose lens is not known, None where there is none, or
-    where the views do not tell the lens.
+    """T_cam_target in each view of a camera of unknown lens; None for a view without a pose, and for
+    all views where these do not determine the lens.
 
     Parameters
     ----------
     points : ndarray, shape (n, 3)
         Of the target, z = 0.
     views : ndarray, shape (views, n, 2)
-        Their pixels; NaN for what was not found.
+        Their pixels; NaN for a point that was not detected.
     size : (int, int)
         Width and height of the images, px.
     """

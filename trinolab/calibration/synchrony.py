@@ -1,4 +1,4 @@
-"""Cameras that are not triggered together, told by how they disagree on a target that moves
+"""Delays of cameras that are not triggered together, from their disagreement about a moving target
 (Sect. 6.2).
 
 Camera c takes its image of view v at the time t_v + d_c + e_cv: with a delay d_c of its own, and
@@ -107,7 +107,7 @@ class _Problem(NamedTuple):
     motion: _Motion
 
     def fit(self, start: State, delays: Array, s: float) -> _Fit:
-        """The least squares with this s, from a state and delays; without delays they are none."""
+        """The least-squares fit with this s, from a state and delays, if there are any."""
         known = len(delays) == 0
 
         def linearised(at: tuple[State, Array]) -> tuple[Normal, float]:
@@ -140,9 +140,7 @@ class _Problem(NamedTuple):
         return at._replace(uv=at.uv + self.motion.velocity * every[:, None, None, None])
 
     def cost(self, uv: Array, s: float) -> float:
-        """Half the sum of the whitened squares; not a number where cameras do not see what was
-        measured.
-        """
+        """Half the sum of the whitened squares; NaN if a measured point is outside a camera's model."""
         missing = np.where(np.isfinite(self.uv), uv - self.uv, 0.0).reshape(*uv.shape[:2], -1, 1)
         white = [self.motion.whitened(c, of, s) for c, of in enumerate(missing)]
         return float(np.square(white).sum()) / 2
@@ -155,14 +153,14 @@ class _Problem(NamedTuple):
         return len(fit.linear.A) + 6 * len(fit.linear.D)
 
     def restricted(self, fit: _Fit, s: float) -> float:
-        """-2 log L of the module's text, but for a constant."""
+        """-2 log L of the module's docstring, up to a constant."""
         schur, poses = eliminated(fit.linear).S, fit.linear.D
         information = np.linalg.slogdet(schur)[1] + np.linalg.slogdet(poses)[1].sum()
         freedoms = self.measured - self.unknowns(fit)
         return float(freedoms * np.log(fit.cost) + self.spread(s) + information)
 
     def schwarz(self, fit: _Fit, s: float, extra: int) -> float:
-        """Schwarz's criterion, with so many unknowns more than the plain fit has."""
+        """Schwarz's criterion for a number of unknowns beyond those of the plain fit."""
         return float(
             self.measured * np.log(fit.cost) + self.spread(s) + extra * np.log(self.measured)
         )
@@ -185,9 +183,9 @@ def synchronised(
     ----------
     target : ndarray, shape (n, 3)
     uv : ndarray, shape (cameras, views, n, 2)
-        Where its points were found, px.
+        The measured pixels of its points.
     found : Calibrated
-        The calibration as if all cameras were triggered together. What it does not use stays unused.
+        The calibration that takes all cameras for simultaneous. Views that it does not use stay unused.
     times : ndarray, shape (views,)
         Of the views, rising; in any unit.
     held : bool
@@ -196,8 +194,8 @@ def synchronised(
     Returns
     -------
     Calibrated, Synchrony
-        Its residuals are those at the cameras' own times. None if nothing speaks for such times, or
-        the views say too little of the motion.
+        Its residuals are those at the cameras' own times. None if the views give no evidence for
+        delays, or determine too little of the motion.
     """
     used: Array = np.array([T is not None for T in found.T_world_target])
     if len(found.cameras) < 2 or used.sum() < FEWEST_VIEWS:

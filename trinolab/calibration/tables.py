@@ -1,8 +1,8 @@
-"""Files of other programs that a calibration reads: lenses, and points of a target as one long
-table with the columns `COLUMNS`, which caliscope's ``xy.csv`` and Anipose's ``detections.pickle``
-are read into (Sect. 6.2).
+"""Files of other programs that a calibration reads: lenses, and a target's points as one long table
+with the columns `COLUMNS`, the form to which caliscope's ``xy.csv`` and Anipose's ``detections.pickle``
+are brought (Sect. 6.2).
 
-A pickle can run any program. What is read here may hold lists, numbers and arrays of them, and nothing
+A pickle can run any program. The reader here accepts lists, numbers and arrays of numbers, and nothing
 else.
 """
 
@@ -63,12 +63,12 @@ def read_corners(
         `obj_loc_x`, `obj_loc_y` have to agree with the target; or ``.pickle`` as Anipose writes it. In
         all pixel (0, 0) is the middle of the first one.
     target : Target
-        What they were found of.
+        The target of the points.
     most : int
-        Views to take; of more, some are passed over, evenly.
+        The largest number of views; of more, some are passed over, evenly.
     size : (int, int), optional
         Width and height of the images of all cameras. Without it ``camera_array.toml``
-        (caliscope) or ``calibration.toml`` (Anipose) beside the table says it.
+        (caliscope) or ``calibration.toml`` (Anipose) beside the table states it.
     late : mapping of str to int, optional
         By how many frames a camera began later than the first one.
 
@@ -195,7 +195,8 @@ def _check_places(table: pd.DataFrame, target: Target, path: Path) -> None:
 class _Numbers(pickle._Unpickler):
     """Reads lists, dictionaries, numbers and NumPy's arrays of them; anything else is refused.
 
-    It is Python's own reader: that in C sets memory aside for what a file of a few bytes announces.
+    It is based on Python's own unpickler, because the one in C reserves the memory that a file of a few
+    bytes announces.
     """
 
     # an announced length is set aside before it is read
@@ -271,8 +272,8 @@ def _label(frame: Any) -> str:
 def _sizes(
     beside: Path, cameras: Sequence[str], size: Sequence[int] | None
 ) -> dict[str, tuple[int, int]]:
-    """The size of each camera's images by its name, in the order of the table; Anipose's file has the
-    names as well.
+    """The size of each camera's images by its name, in the order of the table; Anipose's file contains
+    the names as well.
     """
     if size is not None:
         width, height = (as_whole(side, "size", 1, 100_000) for side in size)

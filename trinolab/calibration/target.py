@@ -1,4 +1,4 @@
-"""Calibration targets and how they are found in an image: chessboards, symmetric and asymmetric grids of
+"""Calibration targets and their detection in an image: chessboards, symmetric and asymmetric grids of
 circles, ChArUco boards (Sect. 6.2).
 
 The target's frame: origin at its first point, x along a row of points, y along a column, z away
@@ -45,8 +45,8 @@ class Board:
     Attributes
     ----------
     columns, rows : int
-        Inner corners in a row and in a column, at least 3 each. One odd and one even leave no two
-        ways to count them.
+        Inner corners in a row and in a column, at least 3 each. If one number is odd and the other
+        even, the order of the corners is unique.
     square_mm : float
         Side of a square.
     """
@@ -83,22 +83,22 @@ class Board:
 def find_corners(image: ArrayLike, board: Board, half_window_px: int | None = 7) -> Array:
     """Find the inner corners of a board to sub-pixel accuracy.
 
-    The search fits the corner at which the grey gradients in a window are all perpendicular to the
-    line to it. The half window should stay below half of the smallest distance between corners:
-    beyond, other edges pull some away.
+    The search fits the point to which the lines from all pixels of a window are perpendicular to the
+    grey gradients. The half window should be less than half of the smallest distance between corners,
+    lest other edges shift some of them.
 
     Parameters
     ----------
     image : array_like of uint8, shape (height, width)
     board : Board
     half_window_px : int or None
-        The window is ``2 * half_window_px + 1`` px wide. None for what suits the image: 7, or less
-        if corners are near.
+        The window is ``2 * half_window_px + 1`` px wide. None for 7, or less if corners are closer
+        together.
 
     Returns
     -------
     ndarray, shape (rows * columns, 2)
-        Pixels, in the order of `Board.points`; all NaN where the board is not found whole.
+        Pixels, in the order of `Board.points`; all NaN where the board is not detected as a whole.
 
     Raises
     ------
@@ -244,8 +244,8 @@ class Target:
 
     @property
     def two_ways(self) -> bool:
-        """Whether the target looks the same from two sides, so that its points can be counted in
-        two ways.
+        """Whether the target looks the same from two sides, so that its points can be counted in two
+        ways.
         """
         return self.kind == "circles" or (
             self.kind == "chessboard" and (self.columns - self.rows) % 2 == 0
@@ -270,8 +270,7 @@ class Appearance(NamedTuple):
     inverted : bool
         Light on dark: what is printed black elsewhere is white.
     mirrored : bool
-        As in a mirror: seen from behind, through the board or by a print on its back, or by a camera
-        that mirrors its images.
+        As in a mirror: a board seen from behind, or by a camera that mirrors its images.
     """
 
     inverted: bool = False
@@ -279,8 +278,8 @@ class Appearance(NamedTuple):
 
 
 class Detection(NamedTuple):
-    """A target in an image: its points, shape (n, 2), px, NaN for those that are not found, its
-    appearance, and the numbers of the markers that are seen.
+    """A target in an image: its points, shape (n, 2), px, with NaN for those not detected, its
+    appearance, and the numbers of the markers seen.
     """
 
     uv: Array
@@ -313,8 +312,8 @@ def find_target(image: ArrayLike, target: Target) -> Array:
     Returns
     -------
     ndarray, shape (n, 2)
-        Pixels, in the order of `Target.points`; NaN for what was not found. Of a ChArUco board some
-        points may be found; of the others all or none.
+        Pixels, in the order of `Target.points`; NaN for points not detected. Of a ChArUco board some
+        points may be detected; of the others all or none.
 
     Raises
     ------
@@ -325,15 +324,15 @@ def find_target(image: ArrayLike, target: Target) -> Array:
 
 
 def detect_target(image: ArrayLike, target: Target, tried: Sequence[Appearance]) -> Detection:
-    """Find a target's points as `find_target` does, and say how the target looks.
+    """Find a target's points as `find_target` does, and its appearance.
 
     Parameters
     ----------
     image : array_like of uint8, shape (height, width)
     target : Target
     tried : sequence of Appearance
-        How the target may look, one or more, the likeliest first: the first with enough points is
-        taken, else that with the most.
+        Possible appearances, one or more, the likeliest first: the first with enough points is taken,
+        else the one with the most.
 
     Raises
     ------
@@ -364,9 +363,7 @@ def detect_target(image: ArrayLike, target: Target, tried: Sequence[Appearance])
 
 
 def as_usual(grey: np.ndarray, appearance: Appearance) -> np.ndarray:
-    """The image in which a target that looks like that would be dark on light, and not in a
-    mirror.
-    """
+    """The image as it would be if the target were dark on light and not mirrored."""
     dark = 255 - grey if appearance.inverted else grey
     return np.ascontiguousarray(dark[:, ::-1]) if appearance.mirrored else dark
 
@@ -374,8 +371,8 @@ def as_usual(grey: np.ndarray, appearance: Appearance) -> np.ndarray:
 def _points_of(
     grey: np.ndarray, target: Target, appearance: Appearance
 ) -> tuple[Array, tuple[int, ...]]:
-    """The points (n, 2) of a target that looks like that, NaN for what was not found, and the numbers of
-    the markers that are seen.
+    """The points (n, 2) of a target of this appearance, NaN for those not detected, and the numbers of
+    the markers seen.
     """
     usual = as_usual(grey, appearance)
     if target.kind == "charuco":
@@ -443,8 +440,8 @@ def _charuco(grey: np.ndarray, target: Target) -> tuple[Array, tuple[int, ...]]:
 
 
 def _free_share(target: Target) -> float:
-    """Distance from a corner to the nearest marker, as a share of a square: a window should not
-    reach it.
+    """The distance from a corner to the nearest marker, as a share of a square; a window should not
+    reach the marker.
     """
     return (1 - target.side_of_marker / target.square_mm) / 2
 

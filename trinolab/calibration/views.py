@@ -1,5 +1,5 @@
-"""Views of a target as files: what each camera took, which images belong together, and the points
-found in them.
+"""Views of a target as files: each camera's images, the pairing of the images, and the points detected
+in them.
 """
 
 from __future__ import annotations
@@ -46,19 +46,19 @@ class TargetViews(NamedTuple):
     views : tuple of str
         Names of the views: of their images, or the numbers of their frames from 0.
     uv : ndarray, shape (cameras, views, n, 2)
-        Where the target's points were found, px; NaN for what was not found.
+        The target's points, px; NaN for those not detected.
     present : ndarray of bool, shape (cameras, views)
         Whether the camera has an image of the view.
     passed_over : int
-        Views that were not looked at, because there were more than asked for.
+        Views that were skipped, because there were more than the number wanted.
     inverted, mirrored : ndarray of bool, shape (cameras, views)
-        Whether the target was found in light on dark, and as in a mirror, see `target.Appearance`.
+        Whether the target was light on dark, and mirrored, see `target.Appearance`.
     showing : tuple of ndarray
-        A few images in which it was found.
+        A few images that show it.
     markers : tuple of tuple of int
         Numbers of the ChArUco board's markers, or of others, in each image.
     unseen : int
-        Images that were not looked at, because none of those looked at first shows the target.
+        Images that were skipped, because none of the first sample shows the target.
     times : ndarray, shape (views,), or None
         When the views were taken, rising, by one clock; None for photographs.
     time_unit : str
@@ -150,7 +150,7 @@ def read_views(
 
 
 def check_connected(cameras: tuple[str, ...], seen: np.ndarray, what: str, hint: str = "") -> None:
-    """Refuse cameras that views, bool (cameras, views), do not connect; the ValueError names one of
+    """Refuse cameras that the views, bool (cameras, views), do not connect; the ValueError names one of
     them.
     """
     reached, more = {0}, {0}
@@ -256,7 +256,7 @@ def _matching(pattern: Path) -> _Source:
 def _found(
     opened: dict[str, _Source], chosen: list[str], target: Target, progress: bool
 ) -> TargetViews:
-    """The target in the chosen views, none passed over; of many images a few are looked at first."""
+    """The target in the chosen views, none passed over; of many images, a few are searched first."""
     every = {
         name: [label for label in chosen if label in set(source.labels)]
         for name, source in opened.items()
@@ -287,8 +287,8 @@ def _detected(
     progress: bool,
     known: dict[tuple[str, str], Detection],
 ) -> TargetViews:
-    """The target in those of the chosen views that are wanted of each camera. Each detection is
-    added to `known` by its camera and label, and taken from there.
+    """The target in the wanted views of each camera. `known` holds the detections by camera and label,
+    and new ones are added to it.
     """
     shape = (len(opened), len(chosen))
     uv = np.full((*shape, len(target.points), 2), np.nan)
@@ -360,7 +360,7 @@ def _likeliest(
 
 
 def look_lines(seen: TargetViews) -> list[str]:
-    """A line if the target is found in light on dark, and one if cameras see it as in a mirror."""
+    """A line if the target is light on dark, and one if cameras see it mirrored."""
     found = np.isfinite(seen.uv).any(axis=(2, 3))
     lines = list[str]()
     if count := int(seen.inverted.sum()):

@@ -1,5 +1,6 @@
 """Rig files of other programs, turned into the tables of a rig file: Kalibr's camchain, a stereo pair
-in OpenCV's file storage, caliscope's arrays of cameras. What is not read is named, with the way out.
+in OpenCV's file storage, caliscope's arrays of cameras. Other files are refused with their program's
+name and the way out.
 """
 
 from __future__ import annotations
@@ -45,12 +46,12 @@ FORMS = {b"<": "XML", b"{": "JSON", b"%": "YAML"}
 
 
 def foreign_tables(path: str | Path) -> dict[str, Any] | None:
-    """The tables of a rig file that another program has written; None for what may be TOML.
+    """The tables of a rig file that another program has written; None for a file that may be TOML.
 
     Raises
     ------
     ValueError
-        Names the program that the file is from, if it is not read, or what is wrong with it.
+        Names the program of a file that is not read, or the file's fault.
     """
     file = Path(path)
     content = _first_bytes(file)
@@ -95,7 +96,7 @@ def caliscope_tables(tables: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _first_bytes(path: Path) -> bytes:
-    """So much of a file as says what it is; nothing where there is none to read."""
+    """The first bytes of a file, by which its kind is known; empty if it cannot be read."""
     try:
         with limits.open_regular(path) as file:
             return file.read(MOST_BYTES + 1)
@@ -123,7 +124,7 @@ def _yaml(content: bytes) -> dict[str, Any]:
 
 
 def _camchain(chain: Mapping[str, Any]) -> dict[str, Any]:
-    """Kalibr's chain of cameras: each stands where it is seen from the one before, in metres."""
+    """Kalibr's chain of cameras, each with its pose relative to the one before, in metres."""
     T_cam_world = np.eye(4)
     tables: dict[str, Any] = {}
     for name, one in chain.items():

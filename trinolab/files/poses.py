@@ -1,10 +1,9 @@
 """Tables of poses, and their files: CSV, one row per instant (columns: `POSE_COLUMNS`); the pose is
 T_world_handle.
 
-Of the whole uncertainty `sigma_mm`, `sigma_deg` the columns `systematic_mm`, `systematic_deg` are
-the part that all instants have in common: what the errors of rig and marker layout make.
-
-Beside it TUM, which other programs read.
+`sigma_mm` and `sigma_deg` are the whole uncertainty; `systematic_mm` and `systematic_deg` are the part
+that all instants share, caused by errors of the rig and the marker layout. TUM files, which other
+programs read, are written as well.
 """
 
 from __future__ import annotations
@@ -72,8 +71,8 @@ def truth_table(poses: RigidTransform) -> pd.DataFrame:
 
 
 def contradictions(table: pd.DataFrame, rig: str | Path) -> list[str]:
-    """A line if the images contradict each other in more poses of a table than noise makes of it;
-    for a rig and a handle that are stated to be exact, so that nothing else is systematic.
+    """A line if the images contradict each other in more poses of a table than noise explains; for a
+    rig and a handle that are stated to be exact, so that nothing else is systematic.
     """
     with_pose = table[table["status"].isin(["measured", "ambiguous"])]
     # a misfit by chance adds less than the noise; equal parts of a sigma count, to rounding
@@ -121,8 +120,8 @@ def poses_text(table: pd.DataFrame) -> str:
 
 
 def write_tum(table: pd.DataFrame, path: str | Path) -> None:
-    """Write the track as a TUM file: a line ``t tx ty tz qx qy qz qw`` a pose, in s and m, for
-    tools like evo.
+    """Write the track as a TUM file: a line ``t tx ty tz qx qy qz qw`` per pose, in s and m, for tools
+    such as evo.
 
     Only `measured` rows are written: an ambiguous pose is one of several, and a predicted one was
     not seen. A table without any gives an empty file.

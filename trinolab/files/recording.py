@@ -48,11 +48,11 @@ class Footage(NamedTuple):
     path : Path
         A folder of images, or a video.
     names : tuple of str
-        Of the images, in the order of their names; empty for a video.
+        The names of the images, in order; empty for a video.
     length : int
-        Of the frames; of a video what its header says, which need not be so.
+        The number of frames; of a video that of its header, which may be wrong.
     fps : float
-        Frames a second that a video states; 0 without.
+        Frames per second, as a video states; 0 if it does not.
     """
 
     path: Path
@@ -62,12 +62,12 @@ class Footage(NamedTuple):
 
 
 def open_footage(path: str | Path) -> Footage:
-    """Find out what a camera's frames are.
+    """Open a camera's frames: a folder of images, or a video.
 
     Raises
     ------
     ValueError
-        Names the path: not there, a folder without an image, no video that can be read.
+        Names the path: missing, a folder without images, a video that cannot be read.
     """
     path = Path(path)
     if path.is_dir():
@@ -85,7 +85,7 @@ def open_footage(path: str | Path) -> Footage:
 
 
 def rate_of(footage: Sequence[Footage], fps: float | None) -> float:
-    """Frames a second: `fps`, or else what the videos state, or else `USUAL_FPS`.
+    """Frames per second: `fps`, else the rate that the videos state, else `USUAL_FPS`.
 
     Raises
     ------
@@ -122,11 +122,11 @@ def frames_of(
     size : (int, int), optional
         Width and height that they must have.
     first : int
-        The first frame to give.
+        The first frame to yield.
     said : set of str, optional
-        Remarks that the log has already, see `images.read_greys`.
+        Remarks that are already in the log, see `images.read_greys`.
     wanted : sequence of int, optional
-        The numbers of those frames that are given, rising; all without it.
+        The numbers of the frames to yield, rising; all by default.
 
     Raises
     ------
@@ -201,10 +201,10 @@ class Recording(NamedTuple):
     length : int
         Instants; where all cameras are videos, as their headers say.
     times_s : ndarray or None
-        Of the middle of each frame's exposure, s; None if they follow from `fps`.
+        The mid-exposure time of each frame, s; None if the times follow from `fps`.
     fps : float
     times_from : path
-        Where `times_s` was read.
+        The file from which `times_s` was read.
     """
 
     rig: Rig
@@ -216,13 +216,13 @@ class Recording(NamedTuple):
 
     @property
     def rate(self) -> float:
-        """Frames a second, of uneven ones the middle of them."""
+        """Frames per second; the median rate for uneven times."""
         if self.times_s is None or len(self.times_s) < 2:
             return self.fps
         return float(1 / np.median(np.diff(self.times_s)))
 
     def time_of(self, frame: int) -> float:
-        """Time of a frame, s. Raises ValueError if the timestamps do not know it."""
+        """The time of a frame, s. Raises ValueError if the timestamps do not contain it."""
         if self.times_s is None:
             return frame / self.fps
         if frame >= len(self.times_s):
@@ -257,7 +257,7 @@ def open_recording(
         For each camera's name its video, or its folder of images (in the order of their names).
     rig : Rig
     fps : float, optional
-        Frames a second, where there are no timestamps; see `rate_of`.
+        Frames per second, if there are no timestamps; see `rate_of`.
     timestamps : path, optional
         CSV with the columns ``frame`` and ``t_s``.
 
@@ -303,8 +303,8 @@ def open_folder(
     ----------
     folder : path
     rig, handle : optional
-        In the place of the folder's ``rig.toml`` and ``handle.toml``: a `Rig` and a `Handle`, or files,
-        or names of shipped ones, as ``raised_40deg`` and ``coded``. A rig may have some of the cameras.
+        Replace the folder's ``rig.toml`` and ``handle.toml``: a `Rig` and a `Handle`, or files, or
+        names of shipped ones, as ``raised_40deg`` and ``coded``. A rig may have some of the cameras.
 
     Raises
     ------
@@ -326,7 +326,7 @@ def open_folder(
 
 
 def _existing(folder: str | Path) -> Path:
-    """A recording folder. Raises ValueError if there is none, or something else."""
+    """A recording folder. Raises ValueError if it is missing, or no folder."""
     root = Path(folder)
     if root.exists() and not root.is_dir():
         raise ValueError(f"{root}: expected a recording folder, got a file")
@@ -360,7 +360,7 @@ def find_footage(folder: str | Path, rig: Rig) -> dict[str, Path]:
 
 
 def _other_names(videos: Sequence[Path]) -> str:
-    """The way out for videos that are called otherwise than the cameras; nothing without videos."""
+    """Advice for videos whose names are not those of the cameras; empty without videos."""
     if not videos:
         return ""
     return (
@@ -371,8 +371,7 @@ def _other_names(videos: Sequence[Path]) -> str:
 
 def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:
     """The instants that all cameras have, one after the other, from frame `first`. The log names a
-    camera that ends before another, and the rate that the times are counted by where a video states
-    an unusual one.
+    camera that ends before another, and the frame rate where a video states an unusual one.
 
     Raises
     ------
@@ -418,7 +417,7 @@ def instants(recording: Recording, first: int = 0) -> Iterator[Frames]:
 
 
 def some_instants(recording: Recording, frames: Sequence[int]) -> Iterator[Frames]:
-    """Some instants, by their numbers, which increase; of image folders nothing else is read.
+    """Some instants, by their rising numbers; of image folders nothing else is read.
 
     Raises
     ------
@@ -464,10 +463,10 @@ def read_timestamps(path: str | Path) -> Array:
 
 
 def list_instants(folder: str | Path, rig: Rig) -> list[Instant]:
-    """The instants of a folder that holds a folder of images for each camera, the same file names
-    in each, in the order of their frames.
+    """The instants of a folder that contains a folder of images for each camera, with the same file
+    names in each, in the order of their frames.
 
-    Images of a camera that the rig does not have are left out; the log says so.
+    Images of a camera that is not in the rig are left out, with a remark in the log.
 
     Raises
     ------
@@ -496,11 +495,11 @@ def list_instants(folder: str | Path, rig: Rig) -> list[Instant]:
 
 
 def frames_named(names: Sequence[str]) -> list[int]:
-    """The frames that images are of: the numbers in their names, or else their places from 0.
+    """The frame numbers of images: the numbers in their names, else their places from 0.
 
     Names that differ in one whole number at their end are numbers: ``000020.png``, ``left_7.png``.
-    Where what comes before the number differs, as in the time ``1699999999.25.png``, or two numbers
-    are the same, nobody knows what the number counts.
+    If the part before the number differs, as in the time ``1699999999.25.png``, or two numbers are
+    equal, the numbers are not those of frames.
 
     Parameters
     ----------

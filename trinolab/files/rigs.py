@@ -1,10 +1,10 @@
-"""Rig and handle files (TOML). Rigs have the layout that Anipose, FreeMoCap and Pose2Sim read, a
+"""Rig and handle files (TOML). Rigs have the layout that Anipose, FreeMoCap and Pose2Sim read, with a
 table per camera.
 
-How well the cameras are known stands in a file of its own beside the rig, so that others' readers
-still read that: ``rig.covariance.toml`` beside ``rig.toml``. Cameras that are known exactly, as
-those of simulated images, have ``exact = true`` in the table ``metadata`` instead. A rig that says
-nothing stands for a calibration of usual quality.
+The covariance of the cameras is in a separate file, ``rig.covariance.toml`` beside ``rig.toml``, so
+that other programs can still read the rig. Cameras that are known exactly, such as those of simulated
+images, have ``exact = true`` in the table ``metadata`` instead. A rig that states neither is taken for
+a calibration of usual quality.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ def read_rig(path: str | Path) -> Rig:
     """Read a rig file (TOML, the layout that Anipose, FreeMoCap and Pose2Sim read), or one of another
     program that `foreign` turns into it.
 
-    Tables without fields of a camera are left out. A camera has `name`, `size`, `matrix`, `distortions`
+    Tables without fields of a camera are ignored. A camera has `name`, `size`, `matrix`, `distortions`
     (4, 5 or 8, further ones only if they are zero), `rotation` (Rodrigues vector) and `translation`
     (mm), both world to camera. A covariance file beside it (`covariance_path`) is read as well. Of
-    ``metadata`` two numbers count: ``exact = true`` for cameras that are known exactly, and
+    ``metadata`` two fields are read: ``exact = true`` for cameras that are known exactly, and
     ``error``, the reprojection error of the calibration, px, as Anipose writes it.
 
     Raises
@@ -71,7 +71,7 @@ def read_rig(path: str | Path) -> Rig:
 
 
 def _reprojection_px(metadata: Any) -> float | None:
-    """The reprojection error that a calibration has written, if it is one."""
+    """The reprojection error in a calibration's metadata, if it is a valid one."""
     error = metadata.get("error") if isinstance(metadata, dict) else None
     if isinstance(error, bool) or not isinstance(error, int | float):
         return None
@@ -120,8 +120,8 @@ def _text(value: Any) -> str:
 
 
 def read_camera(path: str | Path) -> Camera:
-    """Read a file of the same layout that has one camera, in a world frame of its own. Errors as
-    for `read_rig`.
+    """Read a file of the same layout with one camera, in a world frame of its own. The errors are those
+    of `read_rig`.
     """
     with _named(path):
         cameras = _cameras(read_toml(path), path)
@@ -132,7 +132,7 @@ def read_camera(path: str | Path) -> Camera:
 
 @contextmanager
 def _named(path: str | Path) -> Iterator[None]:
-    """Put the file's name before an error that does not begin with it."""
+    """Prefix an error with the file's name, if it does not begin with it."""
     try:
         yield
     except ValueError as error:
@@ -212,7 +212,7 @@ def covariance_text(covariance: RigCovariance) -> str:
 
 
 def _check_places(rig: Rig) -> None:
-    """Refuse two cameras in one place: they see no depth, and most often one of them was copied."""
+    """Refuse two cameras in one place: they determine no depth, and usually one of them is a copy."""
     for left, right in ((rig.cameras[i], rig.cameras[j]) for i, j in rig.pairs):
         if np.linalg.norm(left.centre - right.centre) < NEAREST_MM:
             raise ValueError(
@@ -222,7 +222,7 @@ def _check_places(rig: Rig) -> None:
 
 
 def _check_distances(rig: Rig) -> None:
-    """Ask about places that are likely not in mm."""
+    """Log a question about places that are probably not in mm."""
     widest = max(
         float(np.linalg.norm(rig.cameras[i].centre - rig.cameras[j].centre)) for i, j in rig.pairs
     )
@@ -234,7 +234,7 @@ def _check_distances(rig: Rig) -> None:
 
 
 def _check_units(camera: Camera, rotvec: Array) -> None:
-    """Ask about a camera's numbers that are likely in another unit."""
+    """Refuse, with a question, a camera's numbers that are probably in another unit."""
     turn = float(np.linalg.norm(rotvec))
     if turn > 2 * np.pi:
         raise ValueError(
@@ -320,9 +320,7 @@ def read_handle(path: str | Path) -> Handle:
 
 
 def _places_in(columns: Any, rows: Any) -> int:
-    """The number of columns, or of markers in their rows, that a handle file lists; 0 if it has no
-    lists.
-    """
+    """The number of columns, or of markers per column, in a handle file; 0 if it has no lists."""
     lists = [row for row in rows if isinstance(row, list)] if isinstance(rows, list) else []
     return max(len(columns) if isinstance(columns, list) else 0, sum(map(len, lists)))
 
@@ -345,7 +343,7 @@ def handle_text(handle: Handle) -> str:
 
 
 def _spread_out(handle: Handle) -> Handle:
-    """The handle; refuse markers on one line, about which it may turn and looks the same."""
+    """The handle. Refuses markers on one line, since a turn about it changes no image."""
     spread = np.linalg.svd(
         handle.marker_centres - handle.marker_centres.mean(axis=0), compute_uv=False
     )

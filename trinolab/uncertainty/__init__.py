@@ -1,5 +1,5 @@
-"""The covariance of a fitted pose: `assess` estimates, from what a fit by the noise leaves over, the
-errors of rig and layout, and faults that nobody states.
+"""The covariance of a fitted pose: `assess` estimates, from the residuals of a fit weighted by the
+noise alone, the errors of rig and layout, and unstated faults.
 """
 
 from .assessment import Assessment, LinearFit, assess, refitted

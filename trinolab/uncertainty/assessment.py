@@ -1,22 +1,22 @@
-r"""The covariance of a pose by all that its residuals say: marginal least squares.
+r"""The covariance of a pose, given the residuals of its fit: marginal least squares.
 
-A fit by the noise leaves residuals y, the shifts that the places of the markers still ask for, across
-all that a motion of the handle explains. To first order
+A fit weighted by the noise alone leaves residuals y: the remaining shifts of the markers' places,
+projected onto the complement of what a motion of the handle explains. To first order
 
     y = F (r + J d),    cov y = q F (S + \sum_i s_i A_i A_i') F'
 
-with the residuals r of all places, the displacement d of the rig at which they were seen, the part F
-of them that no motion of the handle explains, the covariance S of the noise and of the errors that
-files state, and components A_i of sizes s_i that nobody states (`components`). The pose answers to the
-same places by a gain G, so that pose and residuals are jointly normal, and the pose's mean and
-covariance, given the residuals, follow for each choice of sizes (generalised least squares; Aitken
-1936). Sizes are not chosen: the pose is the mean over all of them, each weighted by its prior and by its
-marginal likelihood, which is the restricted one (REML: Patterson and Thompson 1971, DOI
-10.1093/biomet/58.3.545), since F takes the pose out. The scale q has an inverse chi-square prior with
-`FREEDOM` degrees of freedom, over which the integral is closed: a Student t.
+with the residuals r of all places, the displacement d of the rig at which they were computed, the
+projection F, the covariance S of the noise and of the stated errors, and components A_i of unstated
+sizes s_i (`components`). The pose responds to the same places by a gain G, so that pose and residuals
+are jointly normal, and the pose's mean and covariance, given the residuals, follow for each choice of
+sizes (generalised least squares; Aitken 1936). Sizes are not chosen: the pose is the mean over all of
+them, each weighted by its prior and by its marginal likelihood, which is the restricted one (REML:
+Patterson and Thompson 1971, DOI 10.1093/biomet/58.3.545), since F takes the pose out. The scale q has
+an inverse chi-square prior with `FREEDOM` degrees of freedom, over which the integral is closed: a
+Student t.
 
-The windows of pixels are not linear over the half pixel by which a rig may be off: `refitted` fits
-them again at the rig that the first residuals make likely.
+The windows of pixels are not linear over the half pixel by which a rig may be wrong, so `refitted` fits
+them again at the most likely rig, given the first residuals.
 """
 
 from __future__ import annotations
@@ -56,18 +56,18 @@ class LinearFit(NamedTuple):
     covariance : ndarray, shape (6, 6)
         Of position (mm) and rotation vector (rad), world frame, by the noise.
     response : Response
-        How the pose answers to shifts of the places.
+        The response of the pose to shifts of the places.
     residuals_px : ndarray, shape (k, 2)
-        By how much each place is seen beside its prediction.
+        Measured minus predicted places.
     noise : ndarray, shape (2 k, 2 k)
         Covariance of the places, px^2; u and v of the first place come first.
     explained : ndarray, shape (2 k, m)
         Shifts of the places that the pose and other unknowns of the fit explain.
     own : (Component, Prior) or None
-        An error of the places that this estimator has and that has no stated size.
+        An error of the places, of no stated size, that is peculiar to this estimator.
     is_efficient : bool
-        Whether the fit weighs the places by the noise, so that what it leaves over does not depend on
-        the error by the noise.
+        Whether the fit weights the places by the noise, so that its residuals are independent of its
+        error by the noise.
     """
 
     T_world_handle: RigidTransform
@@ -94,7 +94,7 @@ class RigInformation(NamedTuple):
     vector: Array
 
     def then(self, later: RigInformation) -> RigInformation:
-        """The sum with that of a later instant; what is older counts for less, see `MEMORY`."""
+        """The sum with that of a later instant; older information has less weight, see `MEMORY`."""
         return RigInformation(
             MEMORY * self.matrix + later.matrix, MEMORY * self.vector + later.vector
         )
@@ -109,15 +109,15 @@ class Assessment(NamedTuple):
     covariance_random, systematic : ndarray, shape (6, 6)
         See `pose.Pose`.
     displacement : ndarray, shape (15 C,)
-        By how much the rig is likely to be off, see `camera.displaced`.
+        The most likely error of the rig, see `camera.displaced`.
     weights : dict
-        Of each fault of `components.FAULTS`, and of ``""``, that there is none: its probability.
+        The probability of each fault of `components.FAULTS`, and under ``""`` that of none.
     correction : ndarray, shape (6,)
         The motion from the pose by the noise to this one, mm and rad, world frame.
     scale : float
-        By how much the noise's variance is likely to be larger than the fit has it.
+        The likely ratio of the noise's variance to that of the fit.
     information : RigInformation or None
-        What this instant says of the rig; None where that is exact.
+        The likelihood of the rig, given this instant; None for an exact rig.
     """
 
     T_world_handle: RigidTransform
@@ -131,7 +131,9 @@ class Assessment(NamedTuple):
 
     @property
     def wrong(self) -> float:
-        """The probability that the pose is off by more than `WRONG_MM` or `WRONG_RAD`, at most."""
+        """An upper bound of the probability that the pose's error exceeds `WRONG_MM` or
+        `WRONG_RAD`.
+        """
         total = self.covariance_random + self.systematic
         parts = [total[:3, :3], total[3:, 3:]]
         sigmas = np.sqrt([np.linalg.eigvalsh(part)[-1] for part in parts])
@@ -157,8 +159,7 @@ def refitted(
     near: Rig,
     earlier: RigInformation | None = None,
 ) -> tuple[F, Assessment] | None:
-    """Fit, assess, and fit again at the rig that the assessment makes likely, where that is another
-    one.
+    """Fit, assess, and, if the assessment makes another rig likely, fit again at that rig.
 
     Parameters
     ----------
@@ -168,14 +169,14 @@ def refitted(
     rig, handle
         As given: their errors are those of `rig`, whatever the fits are made with.
     near : Rig
-        With which the first fit is made.
+        The rig of the first fit.
     earlier : RigInformation, optional
         Of earlier instants of the same recording.
 
     Returns
     -------
     (Fitted, Assessment) or None
-        The last fit; None where there is none.
+        The last fit; None if there is none.
     """
     fit = fit_at(near, start)
     return None if fit is None else assessed(fit, fit_at, rig, handle, near, earlier)[:2]
@@ -189,7 +190,7 @@ def assessed(
     near: Rig,
     earlier: RigInformation | None = None,
 ) -> tuple[F, Assessment, Rig]:
-    """Assess a fit, and fit again where the rig is likely to be another one.
+    """Assess a fit and, if another rig is likely, fit again at that rig.
 
     Parameters as for `refitted`.
 
@@ -199,7 +200,7 @@ def assessed(
         The last one.
     assessment : Assessment
     near : Rig
-        With which it was made.
+        The rig of that fit.
     """
     found = assess(fit.linear, rig, handle, near, earlier)
     if (
@@ -215,7 +216,7 @@ def assessed(
 
 
 def _moved_px(places: Response, rig: Rig, displacement: Array) -> float:
-    """By how much a displacement of the rig moves the places at most, px."""
+    """The largest motion of a place by a displacement of the rig, px."""
     moved = by_parameters(places, rig) @ displacement
     return float(np.abs(moved).max(initial=0.0))
 
@@ -233,7 +234,7 @@ def assess(
     ----------
     fit : LinearFit
     rig, handle
-        As given, with what they state of their errors.
+        As given, with their stated errors.
     near : Rig, optional
         The rig with which the fit was made; by default the given one.
     earlier : RigInformation, optional
@@ -242,8 +243,8 @@ def assess(
     Returns
     -------
     Assessment
-        Where rig and handle are stated to be exact, and the residuals are no larger than the noise
-        makes them (with a chance of 1 %), that of the noise alone.
+        By the noise alone where rig and handle are stated to be exact and the residuals pass the misfit
+        test at 1 %.
     """
     near = near or rig
     free = _free(fit.explained)
@@ -297,7 +298,7 @@ def _free(explained: Array) -> Array:
 
 
 def _misfits(fit: LinearFit, free: Array) -> bool:
-    """Whether the residuals are larger than the noise makes them."""
+    """Whether the residuals fail the misfit test: whether they are larger than the noise explains."""
     y = free @ fit.residuals_px.ravel()
     chi_square = float(y @ np.linalg.solve(free @ fit.noise @ free.T, y)) if len(y) else 0.0
     return contradict(chi_square, len(y))
@@ -306,8 +307,8 @@ def _misfits(fit: LinearFit, free: Array) -> bool:
 def _components(
     fit: LinearFit, rig: Rig, near: Rig, handle: Handle
 ) -> tuple[list[Component], list[tuple[Component, Prior]], list[tuple[str, Component]]]:
-    """The components that files state; those that are there and of no stated size; and the faults,
-    of which one may be there.
+    """The stated components, those that are present with no stated size, and the faults, of which at
+    most one is present.
     """
     places, origin = fit.response, fit.T_world_handle.translation
     known = known_covariance(rig)
@@ -332,8 +333,8 @@ def _components(
 
 
 class _Seen(NamedTuple):
-    """The residuals across all that a motion explains, whitened by what is stated: m numbers, those
-    of earlier instants among them.
+    """The m residuals that no motion explains, those of earlier instants included, whitened by the
+    stated covariance.
 
     Attributes
     ----------
@@ -345,7 +346,7 @@ class _Seen(NamedTuple):
     noise : ndarray, shape (m + 6, m)
         Covariance of residuals and pose with the residuals, by the noise alone.
     moved : ndarray, shape (6,)
-        By how much the pose differs since the rig was displaced.
+        The change of the pose by the displacement of the rig.
     earlier : _Earlier
     """
 
@@ -370,7 +371,7 @@ class _Seen(NamedTuple):
         return total
 
     def stated(self, parts: Sequence[Component]) -> Array:
-        """The same of what is stated, and of the noise; the residuals are whitened by it."""
+        """The same for the stated errors and the noise, by which the residuals are whitened."""
         m = len(self.y)
         total = self.joint(parts)
         total[:m, :m] = 0.0
@@ -405,15 +406,15 @@ def _whitening(noise: Array, free: Array, stated: Sequence[Component]) -> Array:
 
 
 class _Earlier(NamedTuple):
-    """What earlier instants say of the rig, as n residuals with a covariance of 1: their derivatives
-    (n, 15 C) by the displacement, and their values (n,).
+    """The information of earlier instants about the rig, as n residuals of unit covariance: their
+    derivatives (n, 15 C) with respect to the displacement, and their values (n,).
     """
 
     slopes: Array
     y: Array
 
     def joined(self, component: Component) -> Component:
-        """A component with what it does to these residuals."""
+        """A component and its effect on these residuals."""
         below = np.zeros((len(self.y), component.shape.shape[1]))
         if component.of_rig is not None:
             below = self.slopes @ component.of_rig
@@ -421,7 +422,9 @@ class _Earlier(NamedTuple):
 
 
 def _earlier(information: RigInformation | None, known: RigCovariance) -> _Earlier:
-    """The residuals of earlier instants, as far as they say more than is known without them."""
+    """The residuals of earlier instants, without the directions in which they add nothing to the
+    prior.
+    """
     n = len(known.matrix)
     if information is None:
         return _Earlier(np.zeros((0, n)), np.zeros(0))
@@ -435,8 +438,8 @@ def _earlier(information: RigInformation | None, known: RigCovariance) -> _Earli
 
 
 class _Lines(NamedTuple):
-    """Sizes of all components, a line of them a row: one component, the axis, has several sizes and
-    all others one.
+    """Sizes of all components, in lines: along a line one component, the axis, has several sizes, and
+    all others have one.
 
     Attributes
     ----------
@@ -460,8 +463,8 @@ def _lines(
     unstated: Sequence[tuple[Array, Prior]],
     possible: Sequence[tuple[str, Array, Prior]],
 ) -> _Lines:
-    """All combinations of sizes: the axis is the first component that is there in any case, or each
-    fault by itself.
+    """All combinations of sizes: the axis is the first component that is always present, or each fault
+    in turn.
     """
     faults = [("", np.zeros_like(stated), Prior(np.zeros(1), np.log([NO_FAULT]))), *possible]
     if not unstated:

@@ -1,30 +1,29 @@
 """The errors of the centroids of wrapped markers: their noise, and a bias that all views of all
 markers have in common.
 
-A piece of a marker counts by the area of its image, so that the side which is turned to the camera
-counts for more. Seen from afar, the centroid is the image of the mean of all pieces, each weighted
-by the cosine between its normal and the line of sight. On a disc of radius a, wrapped on a cylinder
-of radius r and seen at an angle phi around the axis, that mean lies from the marker's centre, with
-``A(k) = 2 J1(k a / r) / (k a / r)``,
+Each piece of a marker has the weight of its image's area, so that the side which is turned to the
+camera has more. Seen from afar, the centroid is the image of the mean of all pieces, each weighted by
+the cosine between its normal and the line of sight. On a disc of radius a, wrapped on a cylinder of
+radius r and seen at an angle phi around the axis, that mean lies from the marker's centre, with ``A(k)
+= 2 J1(k a / r) / (k a / r)``,
 
     along the normal        r ((1 + A(2)) / (2 A(1)) - 1)        about -a^2 / 8 r
     around the axis         r (1 - A(2)) / (2 A(1)) tan(phi)     about a^2 / 4 r tan(phi)
 
-wherever along the axis the camera stands. That is no noise: two cameras side by side have nearly the
-same bias, and so have neighbouring columns. Together it makes the cylinder look thinner by a
-thirtieth.
+wherever along the axis the camera stands. This is not noise: two cameras side by side have nearly the
+same bias, and so have neighbouring columns. It makes the cylinder appear thinner by a thirtieth.
 
-Light does the same: a marker that is brighter on one side has its centroid nearer to it. Light from
-afar that falls by Lambert's law on a surface makes, in place of tan(phi), that of its own angle; it
-comes from one direction for all markers, of which nothing is known.
+Light has the same effect: the centroid of a marker that is brighter on one side lies nearer to that
+side. For distant light on a Lambertian surface, the tangent of the light's angle replaces tan(phi); its
+direction is unknown, and the same for all markers.
 
-What varnish mirrors is narrower: it lies on one column of markers and not on the next, and pulls all
-views of that column around the axis alike. (On path-traced frames of a varnished handle the product
-of the pulls of two neighbouring views is 0.94 of their square, of the two rows of a column 0.95, and
-of a view 40 or 90 deg higher 0.54; 270 to 360 pairs each.) No two columns tell of each other.
+A highlight on varnish is narrower: it lies on one column of markers and not on the next, and shifts all
+views of that column around the axis alike. (On path-traced frames of a varnished handle the product of
+the pulls of two neighbouring views is 0.94 of their square, of the two rows of a column 0.95, and of a
+view 40 or 90 deg higher 0.54; 270 to 360 pairs each.) Different columns are independent.
 
-How large both pulls are depends on the light and on the varnish, which nobody states. It is hardly
-known: its size is averaged over what the images say (`components.LIGHT`).
+The sizes of both shifts depend on the light and on the varnish, which are not stated; they have a wide
+prior and are averaged over, given the images (`components.LIGHT`).
 """
 
 from __future__ import annotations
@@ -52,16 +51,16 @@ PULL = 8.0
 
 
 class Bias(NamedTuple):
-    """By how much centroids lie beside the images of the markers' centres, px.
+    """The bias of centroids from the images of the markers' centres, px.
 
     Attributes
     ----------
     foreshortening : ndarray, shape (k, 2)
-        What is known of it: by the angle at which each marker is seen.
+        The known part: by the angle at which each marker is seen.
     light : ndarray, shape (k, 2, 2)
-        What is not: one standard deviation of light from each of two directions across the axis.
+        The unknown part: one standard deviation of light from each of two directions across the axis.
     around : ndarray, shape (k, 2)
-        What each of them pulls around the axis: one standard deviation of light from 45 deg.
+        The shift of each around the axis: one standard deviation of light from 45 deg.
     """
 
     foreshortening: Array
@@ -107,8 +106,8 @@ def by_slant(places: Response, T_world_handle: RigidTransform, rig: Rig, handle:
 def by_light(
     places: Response, T_world_handle: RigidTransform, rig: Rig, handle: Handle
 ) -> Component:
-    """What the light does to the places of a response: to all of them from two directions, and to
-    each column by itself.
+    """The effect of light on the places of a response: on all of them from two directions, and on each
+    column by itself.
     """
     bias = centroid_bias(places.camera, places.marker, T_world_handle, rig, handle)
     around = np.round(handle.marker_angles[places.marker], 6)
@@ -125,15 +124,15 @@ def pulled_alike(
     rig: Rig,
     handle: Handle,
 ) -> Array:
-    """Covariance of places by greys that are not as predicted: smooth ones, as those of a highlight,
-    pull all views of a column around the axis alike.
+    """Covariance of places by errors of the predicted greys: smooth errors, such as those of a
+    highlight, shift all views of a column around the axis alike.
 
     Parameters
     ----------
     camera, marker : ndarray of int, shape (k,)
         Of each place.
     more_px2 : ndarray, shape (k, 2, 2)
-        Covariance of each place by them, as if they were noise, px^2.
+        Covariance of each place if these errors were noise, px^2.
     T_world_handle : RigidTransform
     rig, handle
 
@@ -154,6 +153,6 @@ def pulled_alike(
 
 
 def same_column(marker: np.ndarray, handle: Handle) -> np.ndarray:
-    """Which markers (k,) stand in one column with which, bool (k, k)."""
+    """Whether two markers (k,) are in one column, bool (k, k)."""
     around = handle.marker_angles[marker]
     return np.asarray(np.isclose(np.cos(around[:, None] - around), 1.0))

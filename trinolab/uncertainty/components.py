@@ -1,9 +1,8 @@
-"""The variance components of a fit: the errors, beside the noise, of the places in which markers were
-seen.
+"""The variance components of a fit: the errors of the markers' places other than noise.
 
 A component is a Gaussian with a shape and a size. Its shape is a matrix A, whose columns are shifts of
-all places, px: its covariance is its size times A A'. Sizes that a file states are 1. Sizes that
-nobody states have a prior, see `SILENT_RIG` and `FAULTS`, and are averaged over what the images say.
+all places, px: its covariance is its size times A A'. A stated component has the size 1. Unstated sizes
+have a prior, see `SILENT_RIG` and `FAULTS`, and are averaged over, given the images.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ ROLLING_MM, ROLLING_RAD = 1.0, 0.005  # that motion: a hand's 100 mm/s and 0.5 r
 
 
 class Prior(NamedTuple):
-    """The probabilities of a component's sizes before the images say more.
+    """The prior probabilities of a component's sizes.
 
     Attributes
     ----------
@@ -59,8 +58,8 @@ def half_cauchy(low: float, high: float, count: int, scale: float) -> Prior:
 
 
 def any_size(low: float, high: float, count: int, share: float) -> Prior:
-    """The prior of a fault that is there in some `share` of all cases, and then as likely of one size
-    as of another; parameters as for `half_cauchy`.
+    """The prior of a fault that is present in a `share` of all cases, with all sizes equally likely;
+    parameters as for `half_cauchy`.
     """
     sizes = np.geomspace(low, high, count)
     return Prior(frozen(sizes), frozen(np.full(count, np.log(share / count))))
@@ -92,7 +91,7 @@ class Component(NamedTuple):
     shape : ndarray, shape (2 k, r)
         Columns of shifts, px; u and v of the first place come first.
     of_rig : ndarray, shape (15 C, r), or None
-        What the columns are as displacements of the rig, see `camera.displaced`.
+        The columns as displacements of the rig, see `camera.displaced`.
     """
 
     shape: Array
@@ -119,7 +118,7 @@ def _square_root(matrix: bytes, n: int) -> Array:
 
 
 def of_placement(places: Response, rig: Rig, sigma_mm: float) -> Component:
-    """Each marker beside its place by an amount of its own along each axis."""
+    """An independent displacement of each marker along each axis."""
     by_points = sigma_mm * slopes_at(rig, places.camera, places.points)[1]
     same = places.marker[:, None] == np.unique(places.marker[places.marker >= 0])
     shape = by_points[:, :, None] * same[:, None, :, None]
@@ -127,8 +126,8 @@ def of_placement(places: Response, rig: Rig, sigma_mm: float) -> Component:
 
 
 def of_scale(places: Response, rig: Rig) -> Component:
-    """The handle larger than its file says, about the middle of what is seen: about the handle's
-    origin the pose would be shifted by some hundredths of a millimetre besides.
+    """An error of the handle's scale about the middle of the visible markers; about the handle's origin
+    it would also shift the pose by some hundredths of a millimetre.
     """
     by_points = slopes_at(rig, places.camera, places.points)[1]
     grown = SCALE_SHARE * (places.points - places.points.mean(axis=0))
@@ -136,8 +135,8 @@ def of_scale(places: Response, rig: Rig) -> Component:
 
 
 def of_rigid_rows(places: Response, rig: Rig, handle: Handle, origin: Array) -> Component:
-    """Each row of markers moved as a rigid piece, as by a bent handle: by `PLACEMENT_MM`, and turned
-    by as much at the handle's radius.
+    """A rigid motion of each row of markers, as by a bent handle: a shift by `PLACEMENT_MM`, and a turn
+    of as much at the handle's radius.
     """
     units = np.repeat([PLACEMENT_MM, PLACEMENT_MM / handle.radius_mm], 3)
     moves = motion_slopes(rig, places.camera, places.points, origin) * units
@@ -164,8 +163,8 @@ def of_distortion(places: Response, rig: Rig) -> Component:
 
 
 def of_rolling_shutter(places: Response, rig: Rig, origin: Array) -> Component:
-    """A steady motion of the handle while the shutter rolls down all cameras alike; the pose is that
-    at the time of the principal points' rows.
+    """A steady motion of the handle during a rolling shutter that is the same in all cameras; the pose
+    is that at the time of the principal points' rows.
     """
     rows = np.empty(len(places.points))
     for c, camera in enumerate(rig.cameras):
@@ -179,8 +178,8 @@ def of_rolling_shutter(places: Response, rig: Rig, origin: Array) -> Component:
 def faults(
     places: Response, rig: Rig, handle: Handle, origin: Array, default: RigCovariance
 ) -> dict[str, Callable[[], Component]]:
-    """The components of all that may be wrong with an instant, by the names of `FAULTS`; `default` is
-    the covariance of a rig whose file is wrong.
+    """The components of all faults of an instant, by the names of `FAULTS`; `default` is the covariance
+    of a rig whose file is wrong.
     """
     return {
         "distorted images": lambda: of_distortion(places, rig),
