@@ -34,7 +34,7 @@ lab: .venv/package.done  ## open the chapters in JupyterLab
 	@$(BIN)/jupyter-lab --ServerApp.root_dir=. --LabApp.default_url=/lab/tree/notebooks \
 	    --LabApp.extra_labextensions_path="$(CURDIR)/book/lab" $(if $(filter 0,$(shell id -u)),--allow-root)
 
-lint: .venv/package.done  ## check style, types, imports and prose, and print the lines of code
+lint: .venv/package.done  ## check style, types, imports and prose, and print the size of code and prose
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
