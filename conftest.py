@@ -2,6 +2,7 @@
 
 import gc
 import os
+import sys
 from pathlib import Path
 
 from hypothesis import settings
@@ -10,6 +11,10 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     # several tests run at once; more threads than cores make all of them slow
     os.environ.setdefault(_name, "1")
 os.environ["MPLBACKEND"] = "Agg"  # no window, also not in the kernels and commands that tests start
+
+# pytest puts the folder of the helpers on the path later
+sys.path.insert(0, str(Path(__file__).resolve().parent / "tests" / "helpers"))
+from progress import Progress  # noqa: E402
 
 # Real recordings made by others: where TRINOLAB_DATA says, else in a folder shared/data beside the
 # checkout.
@@ -31,3 +36,9 @@ def pytest_collection_finish() -> None:
     """Collect garbage again, of what the tests make."""
     gc.freeze()
     gc.enable()
+
+
+def pytest_configure(config) -> None:
+    """Print time and progress, in the process that leads."""
+    if not hasattr(config, "workerinput"):
+        config.pluginmanager.register(Progress(config))

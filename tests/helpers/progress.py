@@ -1,0 +1,90 @@
+"""A run's time, predicted in its first line and measured in its last one, and its progress by area."""
+
+import os
+import resource
+import time
+from collections import Counter
+
+# Processor time of each area's tests, in units of `unit_s`; the last line of a run measures it.
+COSTS = {"tests/trinolab": 1, "tests/workbench": 1, "tests/repository": 1, "tests/tables": 1}
+COSTS |= {f"book/satellites/{name}": 1 for name in ("accept", "bags", "classkit", "live", "second")}
+
+
+def unit_s():
+    """Processor time of ten singular value decompositions of a matrix (300, 300), s."""
+    import numpy as np
+
+    matrix = np.random.default_rng(0).standard_normal((300, 300))
+    times = []
+    for _ in range(5):
+        begin = time.process_time()
+        np.linalg.svd(matrix)
+        times.append(time.process_time() - begin)
+    return 10 * min(times)
+
+
+def area_of(name):
+    """The area of a test's file, or of a folder within one."""
+    return next((area for area in COSTS if name.startswith(area)), "other tests")
+
+
+def expected(paths):
+    """Units that the tests of files and folders are likely to take; 0 for a part of an area."""
+    if not all(any(area.startswith(path.rstrip("/")) for area in COSTS) for path in paths):
+        return 0
+    return sum(cost for area, cost in COSTS.items() if any(area.startswith(p) for p in paths))
+
+
+class Progress:
+    """Hooks of the process that leads a run."""
+
+    def __init__(self, config):
+        self.config = config
+        self.unit_s = unit_s()
+        self.left = Counter()
+        self.outcomes = {}
+        units = expected(config.args)
+        if units:
+            minutes = units * self.unit_s / 60
+            cores = os.cpu_count()
+            print(
+                f"about {minutes:.0f} min of processor, {minutes / cores:.0f} min on {cores} free cores "
+                f"({units:,} units of {self.unit_s:.2f} s)"
+            )
+
+    def pytest_xdist_node_collection_finished(self, ids):
+        """Count the tests of each area, once."""
+        if not self.left:
+            self.left = Counter(map(area_of, ids))
+
+    def pytest_collection_finish(self, session):
+        """Count them, without other processes."""
+        self.left = Counter(area_of(item.nodeid) for item in session.items)
+
+    def pytest_report_teststatus(self, report):
+        """No letter for a test that passes."""
+        return ("passed", "", "PASSED") if report.passed and report.when == "call" else None
+
+    def pytest_runtest_logreport(self, report):
+        """A line for an area whose last test has ended."""
+        area = area_of(report.nodeid)
+        outcomes = self.outcomes.setdefault(area, Counter())
+        if report.when == "call" or not report.passed:
+            outcomes[report.outcome] += 1
+        if report.when == "teardown":
+            self.left[area] -= 1
+            if not self.left[area]:
+                counts = ", ".join(f"{count:,} {outcome}" for outcome, count in outcomes.items())
+                reporter = self.config.pluginmanager.get_plugin("terminalreporter")
+                reporter.ensure_newline()
+                reporter.write_line(f"{area}: {counts}")
+
+    def pytest_unconfigure(self):
+        """The last lines: what was left out, and how long the run took."""
+        if self.config.option.markexpr == "not heavy":
+            print("heavy tests were left out; to have them: make verify")
+        used = [
+            sum(resource.getrusage(who)[:2])
+            for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+        ]
+        print(f"processor time: {sum(used):.0f} s, {sum(used) / self.unit_s:,.0f} units")
