@@ -10,18 +10,13 @@ from budget import (
     PRINTED,
     REGISTRATIONS,
     Images,
-    Mix,
-    Parts,
     exact_tables,
     line,
-    rendered,
-    smooth_table,
 )
 
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from trinolab.metrics import pose_errors
 from workbench.studies import error_sources as sources
-from workbench.studies import replication
 from workbench.studies.accounts import clamped_anew, misaligned
 from workbench.studies.deviations import (
     MEANS,
@@ -37,9 +32,7 @@ from workbench.studies.pattern import (
     STATISTICS,
     holm,
     pattern_table,
-    rigid_field,
     statistics,
-    without_field,
 )
 
 RMS = [f"rms_{name}" for name in MEANS]
@@ -114,15 +107,6 @@ def test_sums_of_squares_are_the_lines_added_up(table, registration):
         np.testing.assert_allclose(rows.loc[name, RMS].astype(float), total, rtol=1e-4)
 
 
-def test_what_is_certain_is_kept_apart_from_the_authors_program(table):
-    kinds = table.loc["20 poses", "kind"]
-    assert set(kinds[CERTAIN]) == {"images", "bench"}
-    assert set(kinds[KNOWN[5:]]) == {"software"}
-    assert (table["seed"] == module.SEED).all()
-    assert table.loc[("none", "Table 1"), "n"] == 1
-    assert table.loc[("none", "certain: drawn together"), "n"] == module.TABLES
-
-
 def test_table_1_is_in_the_budget_as_it_is_printed(table):
     printed = load_table1()
     e = pose_errors(printed.measured, printed.set_poses)
@@ -195,49 +179,7 @@ def test_patterns_are_computed_again():
     pd.testing.assert_frame_equal(again[same], rows[same], rtol=1e-4, atol=5e-4)
 
 
-def test_the_pattern_refuses_misalignments_and_keeps_the_clamp():
-    """Chapter 9's answer."""
-    least = load_sweep("patterns").groupby("model")["p_holm"].min()
-    assert least["misaligned on both sides"] < 0.05
-    assert least["certain, one f, filled up"] < 0.05
-    assert least["clamped anew"] > 0.05
-
-
-def test_largest_smooth_causes_are_computed_again(trial, monkeypatch):
-    stored = load_sweep("smooth").set_index("source")
-    places = sources.platform(trial, 0.2)
-    some = [sources.one_focal_length(trial), sources.lens_distortion(trial, -0.05)]
-    monkeypatch.setattr(module, "SMOOTH_TABLES", 1000)
-    of = Parts([], [], some, [some[0], some[1]], [places])
-    again = smooth_table(trial, of).drop_duplicates("source").set_index("source")
-    for name in ("one focal length", "lens distortion"):
-        assert again.loc[name, "largest"] == pytest.approx(stored.loc[name, "largest"], rel=0.1)
-    # one f for both axes, as printed, is too large
-    assert stored.loc["one focal length", "largest"] < stored.loc["one focal length", "taken"]
-
-
 # --- how they are made
-
-
-def test_rendered_frames_give_bias_noise_and_poses():
-    few = make_trial(load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses[[9, 12]])
-    images = rendered(few, 1)
-    assert 0.003 < images.sigma_px < 0.05
-    bias = np.linalg.norm(images.uv - few.uv, axis=-1)
-    assert np.isfinite(bias).sum() >= 16
-    assert 0.05 < np.nanmax(bias) < 1.5
-    errors = exact(images.estimates, few.truths)  # told apart from their look-alikes by the truth
-    assert np.abs(errors.position_mm).max() < 0.3
-    assert np.abs(errors.turns_deg).max() < 2.0
-
-
-def test_a_lost_pose_is_named(monkeypatch):
-    few = make_trial(load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses[[9, 12]])
-    monkeypatch.setattr(
-        replication, "render_rig", lambda *a: [np.zeros((1024, 1280), np.uint8)] * 2
-    )
-    with pytest.raises(ValueError, match="got 2 lost"):
-        rendered(few, 1)
 
 
 def test_exact_tables_hold_bias_printed_matrix_and_one_focal_length(trial):
@@ -262,44 +204,3 @@ def test_exact_tables_hold_bias_printed_matrix_and_one_focal_length(trial):
 
 
 # --- small tables, of sources that cost nothing
-
-
-@pytest.fixture(scope="module")
-def cheap(trial):
-    """Parts of the right number, each a platform or zeros of the set angles under another name."""
-
-    def named(*names):
-        return [sources.platform(trial, 0.1)._replace(name=name) for name in names]
-
-    zeros = sources.set_angles(trial, 0.5)
-    return Parts(
-        named("noise", "bias"),
-        [*named("calibration", "platform"), sources.printed_digits(trial)],
-        [zeros._replace(name="R_rl"), zeros._replace(name="one f")],
-        named("lens", "turned camera", "places"),
-        [
-            *(zeros._replace(name=name) for name in ("mount", "reference", "zeros", "scatter")),
-            *named("positions"),
-        ],
-    )
-
-
-@pytest.fixture
-def one_crossed(trial, cheap, monkeypatch):
-    """The twelve crossed mixes are one."""
-    mixed = Mix((cheap.cameras[0], cheap.reference[2]), np.ones(4), 1.0)
-    monkeypatch.setattr(module, "crossed_mixes", lambda *_: [mixed])
-
-
-def test_what_is_filled_up_scatters_as_table_1_does(trial, cheap, one_crossed):
-    """But for the digits, which are added to it."""
-    model = next(
-        m for m, _ in module.models(trial, cheap, cheap.images) if m.name.endswith("filled up")
-    )
-    tables = drawn(model, 300, np.random.default_rng(0))[..., :3]
-    field = rigid_field(trial.truths.translation)
-    rms = np.sqrt(np.mean([(without_field(e, field) ** 2).sum() / 20 for e in tables]))
-    printed = load_table1()
-    errors = exact([printed.measured], trial.truths).position_mm[0]
-    expected = np.sqrt((without_field(errors, field) ** 2).sum() / 20)
-    assert rms == pytest.approx(np.hypot(expected, 0.01 / np.sqrt(2)), rel=0.03)

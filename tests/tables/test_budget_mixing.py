@@ -5,7 +5,7 @@ import pytest
 from budget import mix, mixes
 
 from trinolab.datasets import load_handle, load_rig, load_table1
-from workbench.studies.deviations import Source, drawn, first_order, means, together
+from workbench.studies.deviations import drawn, first_order, means, together
 from workbench.studies.error_sources import (
     askew,
     make_trial,
@@ -34,14 +34,6 @@ def test_sizes_are_recovered(trial):
     np.testing.assert_allclose([s.size for s in found.sources], [0.04, 0.05], rtol=0.1)
     assert found.misfit < 1.05
     np.testing.assert_allclose(found.means, targets, rtol=0.05)
-
-
-def test_with_registration_too(trial):
-    places, digits = platform(trial, 0.1), printed_digits(trial)
-    found = mix([places], digits, TRUTHS, [0.1, 0.05, 0.05, 0.05], rows=range(20))
-    unregistered = mix([places], digits, TRUTHS, [0.1, 0.05, 0.05, 0.05])
-    # a registration takes a part of it away
-    assert found.sources[0].size > unregistered.sources[0].size
 
 
 def test_no_size_of_a_wrong_source_fits(trial):
@@ -75,11 +67,3 @@ def test_three_are_kept_where_the_third_helps(trial):
     best = mixes(three, digits, TRUTHS, targets)[0]
     assert [s.name for s in best.sources] == [s.name for s in three]
     assert best.misfit < 1.05
-
-
-def test_a_scaled_source_is_larger_in_all_it_holds():
-    source = Source("s", 2.0, "px", np.ones((2, 6)), np.ones((2, 6, 1)))
-    twice = scaled(source, 3.0)
-    assert (twice.name, twice.size, twice.unit) == ("s", 6.0, "px")
-    np.testing.assert_array_equal(twice.fixed, 3 * source.fixed)
-    np.testing.assert_array_equal(twice.roots, 3 * source.roots)

@@ -1,9 +1,11 @@
 """Each shipped table has the columns and rows that its script makes."""
 
+import numpy as np
 import pandas as pd
 import pytest
 from tablerows import SCRIPTS, made_and_stored
 
+from trinolab.datasets import data_path, load_sweep
 from workbench.studies.__main__ import MAKES, STUDIES
 from workbench.studies.carrier import script
 
@@ -26,6 +28,35 @@ def test_rows_are_made_again(name, table):
     made, stored = made_and_stored(name, table)
     assert len(made)
     pd.testing.assert_frame_equal(made, stored, rtol=TICK.get(name, DIGITS), check_dtype=False)
+
+
+@pytest.mark.heavy
+def test_pairs_of_the_first_draw_are_among_those_counted():
+    found = pd.DataFrame(script("match_rivals").one_draw(0))
+    shipped = load_sweep("match_rivals")
+    columns = ["calibration_px", "gate_px", "rule"]
+    assert found[columns].to_numpy().tolist() == shipped[columns].to_numpy().tolist()
+    assert (found.given <= shipped.given).all()
+    assert found.groupby("rule").due.unique().map(tuple).nunique() == 1
+
+
+@pytest.mark.heavy
+def test_an_assumption_is_replaced_again():
+    """CCD2 exposes late: the last case, by all draws of its poses."""
+    study = script("sensitivity")
+    case = study.CASES[-1]
+    poses = range(20)
+    before, after = (
+        [study.instant(k, draw, pose) for draw in range(study.DRAWS) for pose in poses]
+        for k in (0, len(study.CASES))
+    )
+    table = pd.read_csv(data_path("sensitivity.csv"))
+    rows = table[(table["assumption"] == case.assumption) & (table["instead"] == case.instead)]
+    assert tuple(rows["number"]) == tuple(study.NUMBERS)
+    for row in rows.itertuples():
+        means = (study.by_pose(numbers, row.number, len(poses)) for numbers in (before, after))
+        stored = [row.as_assumed, row.changed, row.difference, row.low, row.high, row.n]
+        np.testing.assert_allclose(study.compared(*means), stored, rtol=DIGITS, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", [name for name, study in STUDIES.items() if not study.make])

@@ -7,50 +7,30 @@ from tqdm import tqdm
 from trinolab.bench.motion import random_pose
 from trinolab.bench.optics import Bench, digitise
 from trinolab.datasets import load_handle, load_rig
-from workbench.studies.centroid_bias import METHODS, Method, centroid_report, instant_errors
+from workbench.studies.centroid_bias import METHODS, centroid_report, instant_errors
 
-from .draws import expected_frames
+from .table1 import expected_frames
 
-
-def drawn_errors(
-    methods: dict[str, Method],
-    poses: int,
-    draws: int = 2,
-    rig_name: str = "raised_40deg",
-    handle_name: str = "coded",
-    seed: int = 11,
-) -> dict[str, pd.DataFrame]:
-    """Errors of each method on rendered frames of random poses, the same for all of them."""
-    rig, handle, rng, bench = (
-        load_rig(rig_name),
-        load_handle(handle_name),
-        np.random.default_rng(seed),
-        Bench(),
-    )
-    errors: dict[str, list[pd.DataFrame]] = {name: [] for name in methods}
-    for k in tqdm(range(poses), leave=False, unit="pose"):
-        T = random_pose(rng)
-        expected = expected_frames(rig, handle, T, bench)
-        for _ in range(draws):
-            images = [digitise(image, bench, rng) for image in expected]
-            for name, method in methods.items():
-                errors[name].append(instant_errors(method, images, rig, handle, T, k))
-    return {name: pd.concat(parts, ignore_index=True) for name, parts in errors.items()}
+DRAWS = 2
 
 
 def report(arguments) -> None:
     print(
-        f"Found minus predicted centroid, px, {arguments.centroid_poses} random poses, three cameras, two draws, by"
+        f"Found minus predicted centroid, px, {arguments.centroid_poses} random poses, three cameras, {DRAWS} draws,"
+        " by slant:\nbias along it and across it (se: standard error), scatter, and the part of it that is noise"
     )
-    print(
-        "slant: bias along it and across it (se: standard error), scatter, and the part of the scatter that is noise"
-    )
-    for handle in ("coded", "paper"):
-        for name, errors in drawn_errors(
-            METHODS, arguments.centroid_poses, handle_name=handle
-        ).items():
-            print(f"{name}, handle `{handle}`")
-            print(
-                centroid_report(errors).to_string(index=False, float_format="{:.4f}".format),
-                flush=True,
-            )
+    rig, bench = load_rig("raised_40deg"), Bench()
+    for handle in map(load_handle, ("coded", "paper")):
+        rng = np.random.default_rng(11)
+        errors: dict[str, list[pd.DataFrame]] = {name: [] for name in METHODS}
+        for k in tqdm(range(arguments.centroid_poses), leave=False, unit="pose"):
+            T = random_pose(rng)
+            expected = expected_frames(rig, handle, T, bench)
+            for _ in range(DRAWS):
+                images = [digitise(image, bench, rng) for image in expected]
+                for name, method in METHODS.items():
+                    errors[name].append(instant_errors(method, images, rig, handle, T, k))
+        for name, parts in errors.items():
+            table = centroid_report(pd.concat(parts, ignore_index=True))
+            print(f"{name}, handle `{handle.name}`")
+            print(table.to_string(index=False, float_format="{:.4f}".format), flush=True)

@@ -2,7 +2,7 @@
 file.
 """
 
-import sys
+from collections import Counter
 
 from fuzzing import READERS, fuzz, kinds
 
@@ -11,38 +11,25 @@ SHARES = {"values": 5, "text": 4, "bytes": 2, "cut": 1}
 BESIDE = ("manifest", "image")
 
 
-def report(arguments) -> None:
+def report(arguments) -> bool:
+    """Whether nothing was found."""
     print(
-        f"{arguments.files} TOML and CSV files, most of them wrong, and others: taken, or refused by a ValueError of"
-    )
-    print(
-        "one line that names the file; anything else is a finding, and ends this with exit code 1"
-    )
-    print(
-        f"{'reader':11s} {'what is wrong':13s} {'files':>7s} {'taken':>7s} {'refused':>7s}  finding"
+        f"{arguments.files} TOML and CSV files, most of them wrong, and others: taken, or refused by a ValueError of\n"
+        "one line that names the file; anything else is a finding"
     )
     parts = [(name, kind) for name in READERS for kind in kinds(name)]
     whole = sum(SHARES[kind] for name, kind in parts if name not in BESIDE)
-    lines = [_line(name, kind, -(-arguments.files * SHARES[kind] // whole)) for name, kind in parts]
-    tables = sum(
-        count for (name, _), (count, _) in zip(parts, lines, strict=True) if name not in BESIDE
-    )
-    print(
-        f"{tables} TOML and CSV files, {sum(count for count, _ in lines)} files in all", flush=True
-    )
-    if any(finding for _, finding in lines):
-        sys.exit(1)
+    findings = [_finding(*part, -(-arguments.files * SHARES[part[1]] // whole)) for part in parts]
+    return not any(findings)
 
 
-def _line(name: str, kind: str, count: int) -> tuple[int, str]:
-    """Print a reader's line; how many files it took or refused, and what was found."""
+def _finding(name: str, kind: str, count: int) -> str:
+    """Print a reader's line; what was found, if anything."""
+    counts, finding = Counter[str](), ""
     try:
-        counts, finding = fuzz(name, kind, count), ""
+        counts.update(fuzz(name, kind, count))
     except Exception as error:  # a finding is what this looks for
-        counts, finding = {}, f"{type(error).__name__}: {error}".replace("\n", " | ")
-    taken, refused = counts.get("taken", 0), counts.get("refused", 0)
-    print(
-        f"{name:11s} {kind:13s} {taken + refused:7d} {taken:7d} {refused:7d}  {finding or 'none'}",
-        flush=True,
-    )
-    return taken + refused, finding
+        finding = f"{type(error).__name__}: {error}".replace("\n", " | ")
+    taken, refused = counts["taken"], counts["refused"]
+    print(f"{name:11s} {kind:7s} {taken:7d} taken {refused:7d} refused  {finding}", flush=True)
+    return finding

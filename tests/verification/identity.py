@@ -1,102 +1,130 @@
-"""Random poses of the standard scene without a prior: is every used marker the right one, how far
-off is the pose.
+"""Random poses of the standard scene without a prior, of the shipped handles and of random layouts
+without symmetry: is every used marker the right one, how far off is the pose.
 """
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import product
 
 import numpy as np
+import pandas as pd
+from hostile import seen_pose
 from scipy.spatial.transform import RigidTransform
 from tqdm import tqdm
 
 from trinolab.bench.hand import true_visibility
-from trinolab.bench.motion import random_pose
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import Handle
-from trinolab.measurement import Measurement
-from trinolab.metrics import geodesic_deg, pose_errors
+from trinolab.measurement import Measurement, measure
+from trinolab.metrics import geodesic_deg, nearest_equivalent
 from workbench.studies.bound import RIGS
 from workbench.studies.claim_trials import true_labels
-from workbench.studies.replication import EVERY, estimates_and_truths, measure_frames
+from workbench.studies.replication import EVERY
+
+APART_MM = 2.0  # between markers, and the least by which the staggers of two columns differ
+EACH = 10  # poses of a layout that is drawn
+PAPER = load_handle("paper")
+
+
+def staggered(
+    rng: np.random.Generator, columns: int = 6, radius_mm: float = 5.0, diameter_mm: float = 3.0
+) -> Handle:
+    """Two markers a column, the distance between them another one in each column."""
+    room = rng.uniform(12, 16) + APART_MM * rng.permutation(columns)
+    first = rng.uniform(8, 20, columns)
+    rows = tuple((float(a), float(a - b)) for a, b in zip(first, room, strict=True))
+    angles = tuple(float(a) for a in np.arange(columns) * 360 / columns)
+    return Handle("staggered", radius_mm, 200.0, 25.0, diameter_mm, angles, rows)
+
+
+def near_symmetric(rng: np.random.Generator) -> Handle:
+    """The paper's layout with one marker moved along its column by 3 to 6 mm."""
+    rows = [list(row) for row in PAPER.rows_mm]
+    rows[rng.integers(6)][rng.integers(2)] += float(rng.choice([-1, 1]) * rng.uniform(3, 6))
+    return replace(PAPER, name="near", rows_mm=tuple(map(tuple, rows)))
+
+
+LAYOUTS: dict[str, Callable[[np.random.Generator], Handle]] = {
+    "coded": lambda rng: load_handle("coded"),
+    "paper": lambda rng: PAPER,
+    "staggered": staggered,
+    "five columns": lambda rng: staggered(rng, 5),
+    "eight columns": lambda rng: staggered(rng, 8, 8.0),
+    "other radius": lambda rng: staggered(rng, 6, rng.uniform(6, 12), rng.uniform(2.5, 4)),
+    "near-symmetric": near_symmetric,
+}
 
 
 def report(arguments) -> None:
     print(
-        f"{arguments.poses} random poses, four markers truly seen by each of two cameras, no prior. Right: a pose,"
+        "Random poses, four markers truly seen by each of two cameras, no prior; layouts are drawn anew every "
+        f"{EACH}.\nRight: a pose, and every used marker identified, up to the handle's symmetry; wrong: measured, "
+        "but not so.\nErrors of those right: mean and largest"
     )
-    print(
-        "and every used marker identified, up to the handle's symmetry; wrong: reported as measured with another one"
-    )
-    print(
-        f"{'rig':17s} {'handle':7s} {'estimator':12s}  right %  wrong   E_t mm  geodesic deg  worst mm, deg   "
-        "rms error / sigma  status"
-    )
-    for rig in RIGS:
-        for handle in ("coded", "paper"):
-            _report(rig, handle, arguments.poses)
+    rows = []
+    for layout, rig in product(LAYOUTS, RIGS):
+        count = arguments.poses if layout in ("coded", "paper") else max(arguments.poses // 5, 1)
+        rows += _rows(layout, rig, count)
+    print(pd.DataFrame(rows).to_string(index=False, float_format="{:.4f}".format), flush=True)
 
 
-def _report(rig_name: str, handle_name: str, poses: int) -> None:
-    rig, handle, rng = load_rig(rig_name), load_handle(handle_name), np.random.default_rng(7)
-    truths: list[RigidTransform] = []
-
-    def rendered() -> Iterator[list[np.ndarray]]:
-        for _ in tqdm(range(poses), leave=False, unit="instant"):
-            truths.append(seen_pose(rig, handle, rng))
-            yield render_rig(rig, handle, truths[-1], Bench(), rng)
-
-    found = measure_frames(rendered(), rig, handle, EVERY)
-    for name, measurements in found.items():
-        _line(f"{rig_name:17s} {handle_name:7s} {name:12s}", measurements, truths, rig, handle)
-
-
-def _line(
-    label: str, found: list[Measurement], truths: list[RigidTransform], rig: Rig, handle: Handle
-) -> None:
-    right = np.array(
-        [rightly_labelled(m, T, rig, handle) for m, T in zip(found, truths, strict=True)]
-    )
-    wrong = sum(m.pose.status == "measured" and not ok for m, ok in zip(found, right, strict=True))
-    estimate, truth = estimates_and_truths([m.pose.T_world_handle for m in found], truths, handle)
-    e = pose_errors(estimate, truth)
-    sigma = np.array([m.pose.sigma_mm for m in found if m.pose.T_world_handle is not None])
-    ratio = np.sqrt(
-        np.mean((np.linalg.norm(estimate.translation - truth.translation, axis=1) / sigma) ** 2)
-    )
-    print(
-        f"{label} {100 * right.mean():8.2f} {wrong:6d} {e.E_t_mm:8.4f} {e.geodesic_mean_deg:10.3f} "
-        f"{e.position_max_mm:12.2f} {e.geodesic_max_deg:6.2f} {ratio:12.2f}         "
-        f"{dict(Counter(m.pose.status for m in found))}",
-        flush=True,
-    )
+def _rows(layout: str, rig_name: str, count: int) -> list[dict[str, float | str]]:
+    """What each estimator makes of the same frames."""
+    rig, rng = load_rig(rig_name), np.random.default_rng(7)
+    status: dict[str, Counter] = {name: Counter() for name in EVERY}
+    errors: dict[str, list[tuple[float, float]]] = {name: [] for name in EVERY}
+    for handle, T in tqdm(instants(layout, rig, count, rng), total=count, leave=False):
+        images = render_rig(rig, handle, T, Bench(), rng)
+        for name, parameters in EVERY.items():
+            found = measure(images, rig, handle, parameters=parameters)
+            right = rightly_labelled(found, T, rig, handle)
+            status[name]["right" if right else found.pose.status] += 1
+            if right:
+                near = nearest_equivalent(found.pose.T_world_handle, T, handle.symmetries)[0]
+                away = np.linalg.norm(near.translation - T.translation)
+                errors[name].append((float(away), float(geodesic_deg(near, T)[0])))
+    rows = []
+    for name in EVERY:
+        shares = {kind: 100 * status[name][kind] / count for kind in ("right", "ambiguous", "lost")}
+        mm, deg = np.reshape(errors[name] or [(np.nan, np.nan)], (-1, 2)).T
+        means = {"mm": mm.mean(), "most mm": mm.max(), "deg": deg.mean(), "most deg": deg.max()}
+        wrong = status[name]["measured"]
+        about = {"layout": layout, "rig": rig_name, "estimator": name}
+        rows.append({**about, **shares, "wrong": wrong, **means})
+    return rows
 
 
-def rightly_labelled(
-    measurement: Measurement, truth: RigidTransform, rig: Rig, handle: Handle
-) -> bool:
+def instants(
+    layout: str, rig: Rig, count: int, rng: np.random.Generator
+) -> Iterator[tuple[Handle, RigidTransform]]:
+    """Handles and poses."""
+    for k in range(count):
+        if k % EACH == 0:
+            handle = LAYOUTS[layout](rng)
+        T = seen_pose(rng, rig, handle)
+        while layout == "near-symmetric" and not _tells(rig, handle, T):
+            T = seen_pose(rng, rig, handle)
+        yield handle, T
+
+
+def _tells(rig: Rig, handle: Handle, T: RigidTransform) -> bool:
+    """Whether a camera truly sees the marker that is not where the paper's layout has it."""
+    moved = (handle.marker_centres != PAPER.marker_centres).any(axis=1)
+    return any(true_visibility(camera, handle, T)[moved].any() for camera in rig.cameras)
+
+
+def rightly_labelled(found: Measurement, truth: RigidTransform, rig: Rig, handle: Handle) -> bool:
     """Whether there is a pose, and every labelled marker is the one that is there by the equivalent
     truth.
     """
-    T = measurement.pose.T_world_handle
-    if T is None:
+    if found.pose.T_world_handle is None:
         return False
-    turns = [geodesic_deg(truth * S, T)[0] for S in handle.symmetries]
-    near = truth * handle.symmetries[int(np.argmin(turns))]
-    for camera, found, labels in zip(
-        rig.cameras, measurement.found, measurement.labels, strict=True
-    ):
-        used = labels >= 0
-        if (true_labels(camera, handle, near, found.uv)[used] != labels[used]).any():
-            return False
-    return True
-
-
-def seen_pose(rig: Rig, handle: Handle, rng: np.random.Generator) -> RigidTransform:
-    """A random pose at which each of two cameras truly sees four markers."""
-    while True:
-        pose = random_pose(rng)
-        if sorted(true_visibility(camera, handle, pose).sum() for camera in rig.cameras)[-2] >= 4:
-            return pose
+    near = nearest_equivalent(truth, found.pose.T_world_handle, handle.symmetries)[0]
+    return all(
+        (true_labels(camera, handle, near, markers.uv)[labels >= 0] == labels[labels >= 0]).all()
+        for camera, markers, labels in zip(rig.cameras, found.found, found.labels, strict=True)
+    )

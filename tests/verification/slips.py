@@ -1,12 +1,14 @@
 """Which test finds which slip: slips planted in modules of the package, and their tests run on each.
 
-A module's tests are those of its name, else those of its folder. A slip that no test finds is printed;
-it is harmless, or a test is missing. Results are kept by the code of the module and of its tests.
+A module's tests are those of its name, else those of its folder. Results are kept by the code of the
+module and of its tests; a run plants a tenth of the slips that are still missing, or all of them. A slip
+that no test finds is printed: it is harmless, or a test is missing.
 """
 
 import hashlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -25,6 +27,8 @@ SEED = 7
 LONGEST_S = 300.0
 PARTS = (".", "workspace", "calibration", "identity", "estimators", "uncertainty", "slave")
 PLUMBING = {"__init__", "__main__", "checks", "datasets", "memory", "methods", "work", "workers"}
+LEAST = 80  # per cent that are to be found in each module
+Results = dict[str, list[str]]  # by a slip's words, the cases that find it
 
 
 def modules() -> list[Path]:
@@ -41,78 +45,106 @@ def tests_of(module: Path) -> list[Path]:
 
 
 def report(arguments) -> None:
-    print(
-        f"{arguments.slips} slips a module, seed {SEED}: planted, found, found by two tests, "
-        "cases that find one (mean), tests; the fewest functions that find each slip twice"
-    )
+    share = "all" if arguments.all_slips else "a tenth of those that are missing"
+    print(f"{arguments.slips} slips a module, seed {SEED}, planted now: {share}. Not found:")
+    found: dict[Path, Results] = {}
     with ThreadPoolExecutor(arguments.slip_workers) as pool:
         for module in modules():
             if not arguments.slip_modules or module.stem in arguments.slip_modules:
-                _print(module, _results(module, arguments.slips, pool))
+                found[module] = _results(module, arguments.slips, arguments.all_slips, pool)
+                missed = [words for words, cases in found[module].items() if not cases]
+                for words in sorted(missed):
+                    print(f"  {module.relative_to(PACKAGE)} {words}", flush=True)
+    _print_summary(found)
 
 
-def _results(module: Path, count: int, pool: ThreadPoolExecutor) -> dict[str, list[str]]:
-    """The cases that find each slip, by its words."""
+def _results(module: Path, count: int, whole: bool, pool: ThreadPoolExecutor) -> Results:
+    """What is known of the first slips of a module, when some more have been planted."""
     source = module.read_text()
     code = source + "".join(path.read_text() for path in tests_of(module))
-    name = f"{module.stem}-{count}-{hashlib.sha256(code.encode()).hexdigest()[:12]}.json"
-    kept = KEPT / name
-    if kept.is_file():
-        return json.loads(kept.read_text())
+    kept = KEPT / f"{module.stem}-{hashlib.sha256(code.encode()).hexdigest()[:12]}.json"
+    known: Results = json.loads(kept.read_text()) if kept.is_file() else {}
     every = slips(source)
-    chosen = np.random.default_rng(SEED).permutation(len(every))[:count]
-    with tempfile.TemporaryDirectory() as folder:
-        runs = [pool.submit(_found, module, every[k], Path(folder) / str(k)) for k in chosen]
-        found = [run.result() for run in tqdm(runs, desc=module.stem, leave=False)]
-    results = {every[k].words: cases for k, cases in zip(chosen, found, strict=True)}
+    order = np.random.default_rng(SEED).permutation(len(every))[:count]
+    chosen = {every[k].words: every[k] for k in order}
+    todo = [slip for words, slip in chosen.items() if words not in known]
+    some = todo if whole else todo[: -(-len(chosen) // 10)]
+    bar = tqdm(pool.map(_found, [module] * len(some), some), module.stem, len(some), leave=False)
+    known |= {slip.words: cases for slip, cases in zip(some, bar, strict=True)}
     KEPT.mkdir(parents=True, exist_ok=True)
-    kept.write_text(json.dumps(results, indent=1))
-    return results
+    kept.write_text(json.dumps(known, indent=1))
+    return {words: known[words] for words in chosen if words in known}
 
 
-def _found(module: Path, slip: Slip, folder: Path) -> list[str]:
-    """The cases that fail with a slip in a copy of the package."""
-    copy = folder / "trinolab"
-    shutil.copytree(PACKAGE, copy, ignore=shutil.ignore_patterns("__pycache__"))
-    (copy / "data").symlink_to(ROOT / "data")
-    (copy / module.relative_to(PACKAGE)).write_text(planted(module.read_text(), slip))
-    command = [sys.executable, "-P", "-m", "pytest", *map(str, tests_of(module))]
-    options = ["-q", "--tb=no", "-rfE", "-p", "no:cacheprovider", "--durations=0"]
-    paths = os.pathsep.join([str(folder), str(ROOT / "book")])
-    try:
-        run = subprocess.run(
-            command + options,
-            cwd=ROOT,
-            env={**os.environ, "PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"},
-            capture_output=True,
-            text=True,
-            timeout=LONGEST_S,
-            check=False,
-        )
-    except subprocess.TimeoutExpired:
-        return ["(did not end)"]
-    finally:
-        shutil.rmtree(copy)
+def _found(module: Path, slip: Slip) -> list[str]:
+    """The cases that fail with a slip in a copy of the package.
+
+    Bytecode and compiled loops are copied, too; the loops are compiled anew if the slip is in them.
+    """
+    left_out = shutil.ignore_patterns("*.nb[ci]") if _is_compiled(module) else None
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / "trinolab"
+        shutil.copytree(PACKAGE, copy, ignore=left_out)
+        (copy / "data").symlink_to(ROOT / "data")
+        (copy / module.relative_to(PACKAGE)).write_text(planted(module.read_text(), slip))
+        command = [sys.executable, "-P", "-m", "pytest", *map(str, tests_of(module))]
+        options = ["-q", "--tb=no", "-rfE", "-p", "no:cacheprovider"]
+        paths = os.pathsep.join([folder, str(ROOT / "book")])
+        variables = {"PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
+        try:
+            run = subprocess.run(
+                command + options,
+                cwd=ROOT,
+                env={**os.environ, **variables},
+                capture_output=True,
+                text=True,
+                timeout=LONGEST_S,
+                check=False,
+            )
+        except subprocess.TimeoutExpired:
+            return ["(did not end)"]
     lines = [line.split() for line in run.stdout.splitlines()]
     cases = [words[1] for words in lines if words[:1] in (["FAILED"], ["ERROR"])]
     return cases or (["(nothing ran)"] if run.returncode not in (0, 1) else [])
 
 
-def _print(module: Path, results: dict[str, list[str]]) -> None:
-    found = {words: cases for words, cases in results.items() if cases}
-    functions = {
-        words: {case.partition("[")[0] for case in cases} for words, cases in found.items()
+def _is_compiled(module: Path) -> bool:
+    """Whether compiled loops hold the module's code, or import from it."""
+    sources = {path: path.read_text() for path in PACKAGE.rglob("*.py")}
+    loops = {
+        path: text
+        for path, text in sources.items()
+        if re.search(r"^(from|import) numba", text, re.M)
     }
-    twice = sum(len(names) > 1 for names in functions.values())
-    mean = np.mean([len(cases) for cases in found.values()]) if found else 0.0
-    needed = fewest(functions)
-    names = sorted(path.name for path in tests_of(module))
+    imports = re.compile(rf"\.{module.stem} import")
+    return module in loops or any(imports.search(text) for text in loops.values())
+
+
+def _print_summary(found: dict[Path, Results]) -> None:
+    """Of each folder how many slips are found, by two test functions or more, by how many cases, and
+    how few functions would do.
+    """
     print(
-        f"{module.relative_to(PACKAGE)!s:36} {len(results):4d} {len(found):4d} {twice:4d} {mean:6.1f}"
-        f"  {', '.join(names)}; {len(needed)}"
+        "\nmodules            planted  found, %  by two, %  cases each  functions that find each twice"
     )
-    for words in sorted(set(results) - set(found)):
-        print(f"      not found: {words}")
+    for folder in dict.fromkeys(module.parent for module in found):
+        parts = {module: results for module, results in found.items() if module.parent == folder}
+        functions = [
+            {words: {case.partition("[")[0] for case in cases} for words, cases in results.items()}
+            for results in parts.values()
+        ]
+        counts = [len(names) for part in functions for names in part.values()]
+        cases = [len(cases) for results in parts.values() for cases in results.values() if cases]
+        few = sum(len(fewest(part)) for part in functions)
+        print(
+            f"{folder.name:18s} {len(counts):7d}  {100 * np.mean(np.greater(counts, 0)):8.1f}  "
+            f"{100 * np.mean(np.greater(counts, 1)):9.1f}  {np.mean(cases or [0]):10.1f}  {few}"
+        )
+    shares = {
+        path: 100 * np.mean(list(map(bool, one.values()))) for path, one in found.items() if one
+    }
+    low = [f"{path.stem} {share:.0f} %" for path, share in shares.items() if share < LEAST]
+    print(f"below {LEAST} %: {', '.join(low) or 'none'}")
 
 
 def fewest(functions: dict[str, set[str]], times: int = 2) -> list[str]:

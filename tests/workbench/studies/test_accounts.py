@@ -15,7 +15,6 @@ from workbench.studies.accounts import (
     columns,
     f_test,
     fit_constants,
-    misaligned,
     sigma_interval,
 )
 from workbench.studies.deviations import drawn, exact, first_order, means
@@ -127,12 +126,3 @@ def test_the_clamps_tables_are_like_table_1():
     )
     np.testing.assert_allclose(errors.position_mm.std(axis=(0, 1)), 0.1907, rtol=0.02)
     np.testing.assert_allclose(means(errors)[1:4], [0.71, 0.55, 0.64], atol=0.03)
-
-
-def test_misaligned_tables_have_the_fitted_constants():
-    fit = fit_constants(TURNS, BOTH)
-    tables = drawn(misaligned(ERRORS, TRUTHS), 6000, np.random.default_rng(0))
-    again = np.linalg.lstsq(BOTH.reshape(60, 6), tables[..., 3:].reshape(6000, 60).T)[0]
-    np.testing.assert_allclose(again.mean(axis=1), fit.values_deg, atol=0.01)
-    # drawn twice: what is not known of the fit, and the scatter of a table
-    np.testing.assert_allclose(np.cov(again), 2 * fit.covariance, rtol=0.15, atol=1e-3)

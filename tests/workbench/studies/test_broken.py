@@ -15,7 +15,6 @@ from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.markers import find_markers
 from workbench.studies import broken
 from workbench.studies.broken import FAULTS, Instant
-from workbench.studies.stress import WINDOW_PX, watched
 
 PAIR, CODED = load_rig("paper_pair"), load_handle("coded")
 TRIO = load_rig("raised_40deg")
@@ -46,13 +45,6 @@ def moved_spots(image, camera, shifted, handle=CODED):
 def test_gamma_by_hand():
     levels = np.array([[0, 64, 255]], np.uint8)
     assert broken.gamma(levels).tolist() == [[0, 111, 255]]  # 255 (64 / 255) ** 0.6 = 111.2
-
-
-def test_jpeg_changes_a_frame_a_little():
-    frame = render(PAIR.cameras[0], CODED, T, Bench(), np.random.default_rng(0))
-    off = broken.jpeg(frame).astype(float) - frame
-    assert off.any()
-    assert np.abs(off).mean() < 3
 
 
 def test_a_rig_file_is_off_by_as_much_as_it_should():
@@ -159,18 +151,6 @@ def test_a_rolling_shutter_takes_each_row_at_its_own_time():
         camera, CODED, T, motion._replace(velocity=np.zeros(3), turn_rate=np.zeros(3))
     )
     np.testing.assert_allclose(still, radiance(camera, CODED, T, broken.BENCH), atol=1e-9)
-
-
-def test_a_rolling_shutter_does_not_ask_which_window_is_read():
-    motion = broken.hand_motion(np.random.default_rng(3))
-    whole = PAIR.cameras[0]
-    (window, _) = watched(PAIR, T).cameras
-    corner = whole.principal_point - window.principal_point
-    assert 0 < corner[1] < 1024 - WINDOW_PX
-    there, inside = (spots(broken.rolled(camera, CODED, T, motion)) for camera in (whole, window))
-    apart = np.linalg.norm(inside[:, None] + corner - there, axis=2).min(axis=1)
-    assert len(inside) == len(there) > 3
-    assert apart.max() < 0.15  # px; bands of rows begin at other rows
 
 
 def test_the_highlight_lies_where_lamp_and_camera_have_their_half():

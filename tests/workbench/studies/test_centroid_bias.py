@@ -2,6 +2,8 @@
 rendered light.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,26 +13,23 @@ from trinolab.bench.optics import Bench, blurred
 from trinolab.bench.scene import radiance
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_handle
+from trinolab.markers import find_markers
+from workbench.paper.errata.markers import last_threshold_alone
 from workbench.studies.centroid_bias import (
     METHODS,
     centres,
     centroid_errors,
     centroid_report,
-    instant_errors,
+    hostile_stills,
+    inward,
+    still,
     turned_marker,
 )
 
 PAPER = load_handle("paper")
-STRAIGHT = Camera(
-    "c",
-    (1280, 1024),
-    [[3000.0, 0, 640], [0, 3000, 512], [0, 0, 1]],
-    np.zeros(5),
-    RigidTransform.identity(),
-)
-OTHER = Camera(
-    "d", (1280, 1024), STRAIGHT.matrix, np.zeros(5), RigidTransform.from_translation([-99.0, 0, 0])
-)
+MATRIX = [[3000.0, 0, 640], [0, 3000, 512], [0, 0, 1]]
+STRAIGHT = Camera("c", (1280, 1024), MATRIX, np.zeros(5), RigidTransform.identity())
+OTHER = replace(STRAIGHT, name="d", T_cam_world=RigidTransform.from_translation([-99.0, 0, 0]))
 # the handle's axis upwards, column 0 towards the camera, at 540 mm
 UPRIGHT = RigidTransform.from_components(
     [0, 0, 545.0], Rotation.from_matrix(np.diag([1.0, -1, -1]))
@@ -68,20 +67,11 @@ def test_report_finds_bias_scatter_and_noise():
     """
     rng = np.random.default_rng(0)
     slant, view = np.repeat(rng.uniform(0, 65, 3000), 2), np.repeat(np.arange(3000), 2)
-    along = (
-        1e-3 * slant
-        + np.repeat(0.03 * rng.standard_normal(3000), 2)
-        + 0.04 * rng.standard_normal(6000)
-    )
-    errors = pd.DataFrame(
-        {
-            "marker": 0,
-            "slant_deg": slant,
-            "along": along,
-            "across": 0.02 * rng.standard_normal(6000),
-            "view": view,
-        }
-    )
+    along = 1e-3 * slant + np.repeat(0.03 * rng.standard_normal(3000), 2)
+    along += 0.04 * rng.standard_normal(6000)
+    across = 0.02 * rng.standard_normal(6000)
+    columns = {"slant_deg": slant, "along": along, "across": across, "view": view}
+    errors = pd.DataFrame({"marker": 0, **columns})
     errors.loc[:9, ["along", "across"]] = np.nan
     table = centroid_report(errors)
     assert list(table["slant_deg"]) == [
@@ -136,24 +126,38 @@ def test_a_turned_marker_is_where_its_light_is_and_the_detector_finds_it_elsewhe
         assert 0.02 < abs(detector - integral) < 0.6
 
 
-def test_a_turned_marker_in_the_dark_is_not_found():
-    *found, detector = turned_marker(20, Rig((STRAIGHT, OTHER)), PAPER, Bench(marker_grey=90.0))
-    assert np.isfinite(found).all()
-    assert np.isnan(detector)
+# --- stills
 
 
-def test_errors_of_an_instant_are_those_of_its_cameras():
-    rig, turned = (
-        Rig((STRAIGHT, OTHER)),
-        UPRIGHT * RigidTransform.from_rotation(Rotation.from_rotvec([0, 0.4, 0])),
-    )
-    truth = [centres(camera, PAPER, turned) for camera in rig.cameras]
+QUIET = Bench(shading=0, shot_variance=0, read_noise=0)
 
-    def method(images, *_):
-        return [truth[0] + images[0], truth[1] + images[1]], np.stack(truth)
 
-    both = instant_errors(method, [[0.1, 0.0], [0.0, -0.2]], rig, PAPER, turned, "first")
-    for k, (camera, shift) in enumerate(zip(rig.cameras, ([0.1, 0.0], [0.0, -0.2]), strict=True)):
-        one = both[both["view"] == f"first {camera.name}"]
-        expected = centroid_errors(camera, PAPER, turned, truth[k] + shift, truth[k])
-        pd.testing.assert_frame_equal(one.drop(columns="view").reset_index(drop=True), expected)
+@pytest.fixture(scope="module")
+def cases():
+    return hostile_stills(Bench(), np.random.default_rng(0))
+
+
+def test_a_still_knows_its_markers():
+    taken = still(Rotation.from_euler("Y", 180, degrees=True), Bench(), np.random.default_rng(0))
+    assert taken.image.shape == (320, 320)
+    assert taken.image.dtype == np.uint8
+    # from 57 mm off the axis
+    assert taken.slants_deg == pytest.approx(np.repeat([0.0, 60.5], [2, 4]), abs=1.1)
+    found = find_markers(taken.image, 12).uv
+    # of the steep ones
+    assert np.linalg.norm(found[:, None] - taken.uv, axis=2).min(axis=0).max() < 1.5
+
+
+def test_the_last_threshold_alone_loses_what_all_find(cases):
+    counts = {name: len(last_threshold_alone(case.image, 12, 1.5)) for name, case in cases.items()}
+    assert counts["standard scene"] >= 6
+    assert counts["bridges"] == 0
+    assert len(find_markers(cases["bridges"].image, 12).uv) == 8
+
+
+def test_the_bias_is_inwards_and_grows():
+    slant, shift = (np.ravel(part) for part in inward(10.0, QUIET, np.random.default_rng(0)))
+    by_slant = [shift[np.abs(slant - s) < 3].mean() for s in (10, 50, 70)]
+    assert by_slant == sorted(by_slant)
+    assert 0.1 < by_slant[0] < 0.2  # px; 0.9 sin 10 deg
+    assert inward(10.0, QUIET, np.random.default_rng(0), draws=3)[1].shape == (3, 6)

@@ -113,13 +113,6 @@ def test_registration_is_a_rigid_fit_of_the_positions():
     )
 
 
-def test_registration_works_on_many_tables_and_on_none():
-    tables = np.array([small(5), small(6)])
-    at_once = registered(tables, TRUTHS, range(20))
-    np.testing.assert_allclose(at_once[1], registered(tables[1], TRUTHS, range(20)), atol=1e-15)
-    assert registered(tables, TRUTHS, ()) is tables
-
-
 @pytest.mark.parametrize("rows", [(0,), (0, 1), (4, 4, 4)])
 def test_registration_refuses_too_few_places(rows):
     with pytest.raises(ValueError, match="rows: expected three or more"):

@@ -9,18 +9,25 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trinolab.bench import rendering
-from trinolab.bench.rendering import standard_recording
+from trinolab.background import BackgroundParameters, Detection, step
+from trinolab.bench import optics, rendering, scene
+from trinolab.bench.rendering import scripted, standard_recording
+from trinolab.bench.scenario import take
 from trinolab.bench.scene import scaled
-from trinolab.datasets import load_rig
+from trinolab.datasets import load_handle, load_rig
 from trinolab.files.poses import poses_by_frame, read_poses
 from trinolab.window import Window
-from workbench.studies import ground_truth
 from workbench.studies.ground_truth import (
+    Regions,
+    cover,
+    held,
     judge_search,
     judge_spots,
     moving_windows,
     read_recording,
+    regions,
+    watch,
+    wrong,
 )
 
 
@@ -98,12 +105,6 @@ def test_every_few_rows_and_columns_are_cameras_of_as_many_pixels(hard):
     )
 
 
-def test_some_frames_are_the_same_as_in_all(hard):
-    some = read_recording("hard", [4, 1], seconds=0.2)
-    assert [now.frame for now in some.instants] == [4, 1]
-    assert np.array_equal(some.instants[1].images[2], hard.instants[1].images[2])
-
-
 def test_nobody_is_seen_on_the_empty_bench():
     calm = read_recording("calm", seconds=0.1)
     assert all(now.T_world_handle is None and not now.seen.any() for now in calm.instants)
@@ -111,6 +112,14 @@ def test_nobody_is_seen_on_the_empty_bench():
     assert len(judged.errors_px) == 0
     assert judged.false == 3 * 3
     assert moving_windows(calm) == [[None] * 3] * 3
+
+
+def test_a_window_holds_the_markers_that_are_seen(hard):
+    calm = read_recording("calm", seconds=0.1)
+    assert held([None] * 3, calm, 0).tolist() == [True] * 3  # there are none
+    tight = Window.around(exactly(hard, hard.instants[0], 0))
+    for window, holds in ((tight.grown(1.0), True), (Window(0, 0, 2, 2), False), (None, False)):
+        assert held([window] * len(hard.instants), hard, 0)[0] == holds
 
 
 def test_spots_by_hand(hard):
@@ -140,44 +149,62 @@ def test_a_search_in_windows_is_in_the_image_s_pixels(hard):
     )
 
 
-def test_where_there_is_no_window_nothing_is_found(hard):
-    judged = judge_search(
-        hard, lambda image: pytest.fail("looked"), [[None] * 3] * len(hard.instants)
+# --- what moves
+
+
+EIGHTH = replace(
+    load_rig("raised_40deg"),
+    cameras=tuple(scene.scaled(camera, 0.125) for camera in load_rig("raised_40deg").cameras),
+)
+JOB = scripted("calm", EIGHTH, load_handle("coded"), 0, 1.5)
+
+
+@pytest.mark.parametrize("index", [0, 2])
+def test_cover_is_where_the_image_differs_from_the_empty_bench(index):
+    shot, camera = JOB.shots[40], EIGHTH.cameras[index]
+    image = scene.radiance(camera, JOB.handle, shot.T_world_handle, JOB.bench, shot.arm)
+    share = cover(JOB, 40, index)
+    assert share.shape == image.shape
+    assert 0.01 < (share == 1).mean() < 0.2
+    np.testing.assert_array_equal(share > 0, image != optics.background(camera, JOB.bench))
+    assert not cover(JOB, 0, index).any()  # nobody is there
+
+
+def test_the_seam_is_left_out():
+    share = np.zeros((20, 30))
+    share[5:15, 8:20], share[5:15, 8] = 1.0, 0.5
+    inside, outside = regions(share, 2)
+    v, u = np.mgrid[:20, :30]
+    np.testing.assert_array_equal(inside, (v >= 7) & (v <= 12) & (u >= 11) & (u <= 17))
+    np.testing.assert_array_equal(outside, (v < 3) | (v > 16) | (u < 6) | (u > 21))
+
+
+def test_shares_by_hand():
+    found = np.array([[True, False, False, True, True]])
+    truth = Regions(
+        np.array([[True, True, False, False, False]]),
+        np.array([[False, False, False, True, False]]),
     )
-    assert np.isnan(judged.errors_px).all()
-    assert len(judged.errors_px) > 0
+    assert wrong(Detection(found, found, None), truth) == (1.0, 0.5)
+    nothing = Regions(*np.zeros((2, 1, 5), bool))
+    assert np.isnan(wrong(Detection(found, found, None), nothing)).all()
 
 
-def test_a_frame_that_is_not_there():
-    with pytest.raises(ValueError, match="frames 0 to 5, got 6"):
-        read_recording("hard", [0, 6], seconds=0.2)
-
-
-def test_a_file_that_is_missing_is_named(hard):
-    path = standard_recording("hard", seconds=0.2) / "background" / "ccd2.png"
-    content = path.read_bytes()
-    path.unlink()
-    try:
-        with pytest.raises(ValueError, match=r"ccd2\.png"):
-            read_recording("hard", [0], seconds=0.2)
-    finally:
-        path.write_bytes(content)
-
-
-def test_a_covered_camera_sees_nothing(hard, monkeypatch):
-    job = rendering.scripted("hard", hard.rig, hard.handle, 0, 0.2)
-    dark = job._replace(shots=[shot._replace(gains=(0.0, 1.0, 1.0)) for shot in job.shots])
-    seen = ground_truth.instant_of(dark, 0, ()).seen
-    assert not seen[0].any()
-    assert np.array_equal(seen[1:], hard.instants[0].seen[1:])
-
-
-def test_a_window_is_asked_to_hold_markers_only_where_there_are_some(hard):
-    calm = read_recording("calm", seconds=0.1)
-    assert ground_truth.held([None] * 3, calm, 0).tolist() == [True] * 3
-    uv = exactly(hard, hard.instants[0], 0)
-    tight = Window.around(uv)
-    count = len(hard.instants)
-    assert ground_truth.held([tight.grown(1.0)] * count, hard, 0)[0]
-    assert not ground_truth.held([Window(0, 0, 2, 2)] * count, hard, 0)[0]
-    assert not ground_truth.held([None] * count, hard, 0)[0]
+def test_watching_is_step_after_step():
+    frames = [take(JOB, k, 1) for k in (0, 36, 40)]
+    truths, parameters = (
+        [regions(cover(JOB, k, 1)) for k in (0, 36, 40)],
+        BackgroundParameters(min_pixels=8),
+    )
+    watched, state = watch(frames, frames[0], truths, parameters), frames[0]
+    for k, frame in enumerate(frames):
+        state, detection = step(state, frame, parameters)
+        assert watched.windows[k] == detection.window
+        np.testing.assert_array_equal(
+            [watched.false[k], watched.missed[k]], wrong(detection, truths[k])
+        )
+    np.testing.assert_array_equal(watched.background, state)
+    assert watched.windows[0] is None
+    assert watched.windows[1] is not None
+    with pytest.raises(ValueError, match="shorter"):
+        watch(frames, frames[0], truths[:2])

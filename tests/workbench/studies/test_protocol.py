@@ -30,26 +30,30 @@ def claim(no):
 def test_criterion_is_the_frozen_one(claim):
     """Else data/deviations.toml needs an entry: `python -m workbench.studies claims --hashes`."""
     assert logged_hashes().get(claim.no) == frozen_hash(claim, ROWS)
-
-
-def test_no_frozen_row_was_dropped():
-    assert set(logged_hashes()) == {c.no for c in CLAIMS}
+    assert claim.kind in KINDS
+    assert claim.is_ours == (claim.kind == "ours beyond") == (not claim.quote)
+    assert (claim.trial is None) == (claim.statistic is None)
+    assert claim.statistic in (None, "share", "mean", "ratio", "rms")
+    assert not claim.is_ours or claim.no[-1].isalpha()
 
 
 @pytest.mark.parametrize(
     "change",
-    [{"at_least": 0.5}, {"criterion": "Anything."}, {"trial": "clip"}, {"statistic": "mean"}],
+    [
+        {"at_least": 0.5},
+        {"criterion": "Anything."},
+        {"trial": "clip"},
+        {"statistic": "mean"},
+        {"verdict": "x", "reason": "y"},  # these are not frozen
+    ],
 )
-def test_a_moved_criterion_is_found(change):
+def test_a_moved_criterion_or_trial_is_found(change):
     row = claim("11")
-    assert frozen_hash(replace(row, **change), ROWS) != logged_hashes()["11"]
-
-
-def test_a_changed_trial_is_found_and_a_verdict_is_not_frozen():
-    row = claim("11")
+    moved = frozen_hash(replace(row, **change), ROWS) != logged_hashes()["11"]
+    assert moved == ("verdict" not in change)
     fewer = {**ROWS, row.trial: ROWS[row.trial]._replace(draws=3)}
     assert frozen_hash(row, fewer) != logged_hashes()["11"]
-    assert frozen_hash(replace(row, verdict="x", reason="y"), ROWS) == logged_hashes()["11"]
+    assert set(logged_hashes()) == {c.no for c in CLAIMS}
 
 
 def test_log_is_in_order_and_names_rows():
@@ -59,19 +63,7 @@ def test_log_is_in_order_and_names_rows():
         assert re.fullmatch(r"\d{4}-\d\d-\d\d", entry.date)
         assert set(entry.claims) <= {c.no for c in CLAIMS}
         assert set(entry.hashes) <= set(entry.claims)
-        assert entry.was
-        assert entry.now
-        assert entry.why
-
-
-@pytest.mark.parametrize("row", CLAIMS, ids=lambda row: row.no)
-def test_row_says_what_it_is(row):
-    assert row.kind in KINDS
-    assert row.is_ours == (row.kind == "ours beyond")
-    assert bool(row.quote) != row.is_ours
-    assert (row.trial is None) == (row.statistic is None)
-    assert row.statistic in (None, "share", "mean", "ratio", "rms")
-    assert row.kind != "ours beyond" or row.no[-1].isalpha()
+        assert all((entry.was, entry.now, entry.why))
 
 
 def test_every_trial_is_drawn_and_used():
@@ -141,29 +133,22 @@ def ledger(tmp_path, monkeypatch):
 
 
 def test_a_row_of_the_ledger_is_read_as_it_stands(ledger):
-    ledger({**ROW, "match_within": 0.1})
-    (row,) = load_claims()
-    assert {name: getattr(row, name) for name in ROW} == ROW
-    assert (row.match_within, row.at_most, row.trial) == (0.1, None, None)
-
-
-def test_an_unknown_field_is_named_with_its_row(ledger):
-    ledger({**ROW, "no": "7c", "at_lest": 0.5})
-    with pytest.raises(ValueError, match="claim 7c: 'at_lest' is not a field of a claim"):
-        load_claims()
-
-
-@pytest.mark.parametrize("name", ["claim", "paper", "reason"])
-def test_a_missing_field_is_named_with_its_row(ledger, name):
-    ledger({key: value for key, value in ROW.items() if key != name})
-    with pytest.raises(ValueError, match=f"claims.toml: claim 1: '{name}' is missing"):
-        load_claims()
-
-
-def test_without_a_number_the_declared_verdict_stands(ledger):
     ledger(ROW)
     (row,) = load_claims()
+    assert {name: getattr(row, name) for name in ROW} == ROW
+    assert (row.match_within, row.at_most, row.trial) == (None, None, None)
+    # without a limit the declared verdict stands
     assert row.computed_verdict(0.5) == row.computed_verdict(9.0, 8.0, 10.0) == "cannot be tested"
+
+
+def test_a_field_that_is_unknown_or_missing_is_named_with_its_row(ledger):
+    ledger({**ROW, "no": "7c", "at_lest": 0.5})
+    with pytest.raises(ValueError, match="claim 7c: 'at_lest' is not a field"):
+        load_claims()
+    for name in ("claim", "paper", "reason"):
+        ledger({key: value for key, value in ROW.items() if key != name})
+        with pytest.raises(ValueError, match=f"claims.toml: claim 1: '{name}' is missing"):
+            load_claims()
 
 
 @pytest.mark.parametrize(

@@ -51,8 +51,10 @@ def beside_mm(rigs, true):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["paper_pair", "raised_40deg"])
-@pytest.mark.parametrize(("corner_px", "low", "high"), [(0.05, 0.2, 0.7), (0.3, 1.3, 4.0)])
+@pytest.mark.parametrize(
+    ("name", "corner_px", "low", "high"),
+    [("paper_pair", 0.05, 0.2, 0.7), ("raised_40deg", 0.3, 1.3, 4.0)],
+)
 def test_simulated_calibrations_are_off_by_half_a_pixel_to_some(name, corner_px, low, high):
     rng = np.random.default_rng(0)
     rig = load_rig(name)
