@@ -18,16 +18,12 @@ from workbench.studies.calibration_error import (
     pattern,
 )
 
-PAIR, RAISED = (load_rig(name) for name in RIGS)
 HANDLE, TRUTHS = load_handle("paper"), load_table1().set_poses
 TABLE = load_sweep("calibration_error")
 
 
 def shipped(rig, estimator):
     return curve(TABLE, rig, estimator).set_index("level", drop=False)
-
-
-# --- the drawn rigs
 
 
 # --- the pattern of errors
@@ -71,9 +67,6 @@ def test_the_level_at_a_limit_lies_on_the_power_law_between():
     assert np.isnan(level_at(rows, 0.001)).all()  # nor is what lies below the first draw
 
 
-# --- the shipped table
-
-
 # --- the theory: a pinhole's slopes
 
 
@@ -100,9 +93,8 @@ def slopes(rig, T):
         slope = np.zeros((len(seen), 2, len(rig.cameras), 5))
         slope[:, :, k, :2] = CENTRE_PX * np.eye(2)
         # a turn of the camera's frame moves the point in it
-        slope[:, :, k, 2:] = -np.deg2rad(TURN_DEG) * (
-            pinhole @ cross_matrices(np.column_stack([x, y, z]))
-        )
+        turned = pinhole @ cross_matrices(np.column_stack([x, y, z]))
+        slope[:, :, k, 2:] = -np.deg2rad(TURN_DEG) * turned
         by_rig.append(slope)
     J = np.concatenate(by_pose).reshape(-1, 6)
     K = np.concatenate(by_rig).reshape(len(J), -1)
@@ -111,12 +103,8 @@ def slopes(rig, T):
 
 def predicted(rig):
     """E_t in mm at level 1, over the table's draws."""
-    z = np.array(
-        [
-            np.random.default_rng([SEED, k]).standard_normal((len(rig.cameras), 5))
-            for k in range(DRAWS)
-        ]
-    )
+    shape = len(rig.cameras), 5
+    z = [np.random.default_rng([SEED, k]).standard_normal(shape) for k in range(DRAWS)]
     errors = np.einsum("nirc,drc->dni", [slopes(rig, T) for T in TRUTHS], z)
     return np.linalg.norm(errors[..., :3], axis=2).mean()
 
@@ -135,6 +123,3 @@ def test_measured_slope_is_that_of_the_pinhole(rig, level):
 def test_a_pose_that_is_corrected_by_its_residuals_is_better_than_geometry_says(rig, share):
     row = shipped(rig, BEST).loc[1.0]
     assert row["E_t_mm_high"] < share * predicted(load_rig(rig))
-
-
-# --- the figure

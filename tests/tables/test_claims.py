@@ -63,26 +63,23 @@ def test_every_stored_result_is_a_check_of_its_trial():
 # --- the intervals
 
 
-def test_a_share_has_wilsons_interval():
-    pairs = np.column_stack([np.arange(20) < 18, np.ones(20)]).astype(float)
-    value, interval = claims.estimated(pairs, "share")
-    expected = stats.binomtest(18, 20).proportion_ci(method="wilson")
-    assert value == 0.9
-    assert (interval.low, interval.high) == pytest.approx((expected.low, expected.high))
+SHARE = stats.binomtest(18, 20).proportion_ci(method="wilson")
+MEAN = stats.ttest_1samp([1.0, 2.0, 4.0, 9.0], 0.0).confidence_interval()
+ALL = stats.binomtest(24, 24).proportion_ci(method="wilson")
 
 
-def test_a_mean_has_students():
-    x = np.array([1.0, 2.0, 4.0, 9.0])
-    value, interval = claims.estimated(np.column_stack([x, np.ones(4)]), "mean")
-    expected = stats.ttest_1samp(x, 0.0).confidence_interval()
-    assert value == 4.0
-    assert (interval.low, interval.high) == pytest.approx((expected.low, expected.high))
-
-
-def test_a_ratio_whose_draws_all_agree_is_not_certain():
-    value, interval = claims.estimated(np.full((24, 2), 3.0), "ratio")
-    expected = stats.binomtest(24, 24).proportion_ci(method="wilson")
-    assert value == 1.0
+@pytest.mark.parametrize(
+    ("statistic", "a", "b", "value", "expected"),
+    [
+        ("share", np.arange(20) < 18, 1.0, 0.9, SHARE),
+        ("mean", [1.0, 2.0, 4.0, 9.0], 1.0, 4.0, MEAN),
+        ("ratio", np.full(24, 3.0), 3.0, 1.0, ALL),  # draws that all agree are not certain
+    ],
+)
+def test_intervals_are_scipys(statistic, a, b, value, expected):
+    pairs = np.column_stack(np.broadcast_arrays(a, b)).astype(float)
+    found, interval = claims.estimated(pairs, statistic)
+    assert found == value
     assert (interval.low, interval.high) == pytest.approx((expected.low, expected.high))
 
 

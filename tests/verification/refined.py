@@ -9,10 +9,12 @@ are rendered, and go through the command.
 
 import tempfile
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.motion import motion_at, random_pose
@@ -21,7 +23,7 @@ from trinolab.bench.scenario import Job, Shot, take
 from trinolab.bench.scene import render_rig
 from trinolab.calibration.bundle import Bundle, Centres, adjust, fit_poses
 from trinolab.calibration.prior import Length, prior_of
-from trinolab.camera import Camera, Rig, RigCovariance, difference, displaced
+from trinolab.camera import Rig, RigCovariance, difference, displaced
 from trinolab.checks import Array
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.appearance import Views
@@ -47,11 +49,8 @@ CENTRE_PX, TURN_DEG, PLACEMENT_MM = 0.3, 0.02, 0.05  # by what rig and handle fi
 MOST_MM, MOST_DEG = 0.03, 0.1  # error of new instants that a recording of INSTANTS has to reach
 HONEST = 0.8, 1.3  # rms of true error by reported standard deviation
 INSTANTS, NEW = 300, 100
-FPS, SPEED_MM_S, SPIN_RAD_S = (
-    5.0,
-    30.0,
-    0.5,
-)  # of a rendered recording; spin about the handle's axis
+# of a rendered recording; spin about the handle's axis
+FPS, SPEED_MM_S, SPIN_RAD_S = 5.0, 30.0, 0.5
 
 
 class Truth(NamedTuple):
@@ -117,26 +116,19 @@ def random_poses(truth: Truth, count: int, rng: np.random.Generator) -> RigidTra
 def _visible(truth: Truth, T: RigidTransform) -> np.ndarray:
     """Which markers (cameras, markers) are seen."""
     points = T.apply(truth.handle.marker_centres)
-    return np.stack(
-        [
-            (_slants_deg(camera, truth.handle, T) < MAX_SLANT_DEG) & camera.sees(points, MARGIN_PX)
-            for camera in truth.rig.cameras
-        ]
-    )
+    inside = np.stack([camera.sees(points, MARGIN_PX) for camera in truth.rig.cameras])
+    return inside & (_slants_deg(truth, T) < MAX_SLANT_DEG)
 
 
-def _slants_deg(camera: Camera, handle: Handle, T: RigidTransform) -> Array:
-    return np.rad2deg(slants(handle, T, camera.centre))
+def _slants_deg(truth: Truth, T: RigidTransform) -> Array:
+    """The markers' slants in the cameras, (cameras, markers)."""
+    cameras = truth.rig.cameras
+    return np.rad2deg([slants(truth.handle, T, camera.centre) for camera in cameras])
 
 
 def _noise_px(truth: Truth, T: RigidTransform) -> Array:
     """Standard deviations of the markers' pixels, (cameras, markers)."""
-    return np.stack(
-        [
-            np.interp(_slants_deg(camera, truth.handle, T), SLANTS_DEG, SIGMAS_PX)
-            for camera in truth.rig.cameras
-        ]
-    )
+    return np.interp(_slants_deg(truth, T), SLANTS_DEG, SIGMAS_PX)
 
 
 def seen_centres(truth: Truth, poses: RigidTransform, rng: np.random.Generator) -> Centres:
@@ -321,7 +313,7 @@ def _measured(images, poses: RigidTransform, rig: Rig, handle: Handle) -> Render
     got = RigidTransform.concatenate([found[k].T_world_handle for k in held])
     e = errors(got, poses[held])
     sigmas = np.array([(found[k].sigma_mm, np.deg2rad(found[k].sigma_deg)) for k in held])
-    lengths = np.stack([np.linalg.norm(e[:, :3], axis=1), np.linalg.norm(e[:, 3:], axis=1)], axis=1)
+    lengths = np.linalg.norm(e.reshape(-1, 2, 3), axis=2)
     ratio = np.sqrt(((lengths / sigmas) ** 2).mean(axis=0))
     return Rendered(len(held), *mean_error(registered(got, poses[held])), *map(float, ratio))
 
@@ -329,67 +321,53 @@ def _measured(images, poses: RigidTransform, rig: Rig, handle: Handle) -> Render
 def report(arguments) -> None:
     draws = arguments.refined
     print(
-        f"refine, drawn centres: files off by {CENTRE_PX} px, {TURN_DEG} deg, markers {PLACEMENT_MM} mm; "
-        f"{INSTANTS} instants, then {NEW} new ones,\n"
-        f"{draws} draws (seeds 0 ...). Error of new instants, registered, mean [95 % bootstrap over the "
-        f"draws] (worst draw); wanted: {MOST_MM} mm, {MOST_DEG} deg"
+        f"refine, drawn centres: files off by {CENTRE_PX} px, {TURN_DEG} deg, markers {PLACEMENT_MM} mm; {INSTANTS} "
+        f"instants, then {NEW} new ones,\n{draws} draws. Errors of new instants, registered, mean [95 % by bootstrap "
+        f"over the draws]; wanted: {MOST_MM} mm, {MOST_DEG} deg.\nThen truths drawn from what the files state: rms of "
+        f"true error by sigma; wanted: {HONEST[0]} to {HONEST[1]}"
     )
-    for rig in RIGS:
-        for handle in HANDLES:
-            print(_errors_line(rig, handle, draws), flush=True)
-    print(
-        "Truths drawn from what the files state: rms of true error by sigma [95 %]; "
-        f"wanted: {HONEST[0]} to {HONEST[1]}"
-    )
-    for rig in RIGS:
-        for handle in HANDLES:
-            print(_honesty_line(rig, handle, draws), flush=True)
+    for one_draw in (_errors, _squares_of_stated):
+        rows = []
+        for rig, handle in product(RIGS, HANDLES):
+            found = pd.DataFrame(one_draw(rig, handle, seed) for seed in range(draws))
+            rows.append({"rig": rig, "handle": handle, **found.apply(_with_interval)})
+        print(pd.DataFrame(rows).to_string(index=False), flush=True)
     print(
         f"Rendered recordings of {INSTANTS} instants through the command, then {NEW} new ones rendered and "
         "measured (`best`), with the old files and the new"
     )
-    for rig in RIGS:
-        for seed in range(arguments.recordings):
-            with tempfile.TemporaryDirectory() as folder:
-                pair = rendered(
-                    Path(folder), load_rig(rig), load_handle("coded"), seed, INSTANTS, NEW
-                )
-            for label, one in zip(("before", "after"), pair, strict=True):
-                print(
-                    f"{rig:13s} coded  seed {seed} {label:6s} measured {one.measured:3d} of {NEW}  "
-                    f"{one.mm:.4f} mm {one.deg:.4f} deg  error by sigma {one.sigmas_mm:.2f} {one.sigmas_deg:.2f}",
-                    flush=True,
-                )
+    for rig, seed in product(RIGS, range(arguments.recordings)):
+        with tempfile.TemporaryDirectory() as folder:
+            pair = rendered(Path(folder), load_rig(rig), load_handle("coded"), seed, INSTANTS, NEW)
+        for label, one in zip(("before", "after"), pair, strict=True):
+            print(rig, "coded, seed", seed, label, one, flush=True)
 
 
-def _errors_line(rig_name: str, handle_name: str, draws: int) -> str:
+def _errors(rig_name: str, handle_name: str, seed: int) -> dict[str, float]:
+    """Errors of new instants with the files as they are and with those that a recording refines."""
     rig, handle = load_rig(rig_name), load_handle(handle_name)
-    rows = []
-    for seed in range(draws):
-        rng = np.random.default_rng(seed)
-        truth = off_by(rig, handle, rng)
-        bundle = refined(rig, handle, truth, INSTANTS, rng)
-        after = errors_of_new_instants(bundle.rig, bundle.handle, truth, rng)
-        rows.append([*errors_of_new_instants(rig, handle, truth, rng), *after])
-    names = ("before mm", "deg", "after mm", "deg")
-    parts = [
-        f"{name} {_with_interval(values, np.mean, 4)} ({values.max():.4f})"
-        for name, values in zip(names, np.transpose(rows), strict=True)
-    ]
-    return f"{rig_name:13s} {handle_name:6s} {'  '.join(parts)}"
+    rng = np.random.default_rng(seed)
+    truth = off_by(rig, handle, rng)
+    bundle = refined(rig, handle, truth, INSTANTS, rng)
+    after = errors_of_new_instants(bundle.rig, bundle.handle, truth, rng)
+    before = errors_of_new_instants(rig, handle, truth, rng)
+    names = ("before mm", "before deg", "after mm", "after deg")
+    return dict(zip(names, (*before, *after), strict=True))
 
 
-def _honesty_line(rig_name: str, handle_name: str, draws: int) -> str:
+def _squares_of_stated(rig_name: str, handle_name: str, seed: int) -> dict[str, float]:
     rig = stated(load_rig(rig_name))
     handle = replace(load_handle(handle_name), placement_sigma_mm=PLACEMENT_MM)
-    rows = [honesty(rig, handle, INSTANTS, np.random.default_rng(seed)) for seed in range(draws)]
-    parts = [
-        f"{name} {_with_interval(values, lambda v: float(np.sqrt(np.mean(v))), 2)}"
-        for name, values in zip(Honesty._fields, np.transpose(rows), strict=True)
-    ]
-    return f"{rig_name:13s} {handle_name:6s} {'  '.join(parts)}"
+    found = honesty(rig, handle, INSTANTS, np.random.default_rng(seed))
+    return {f"{name}, squared": value for name, value in found._asdict().items()}
 
 
-def _with_interval(values: Array, statistic, digits: int) -> str:
-    low, high, _ = by_bootstrap(values, statistic)
-    return f"{statistic(values):.{digits}f} [{low:.{digits}f} {high:.{digits}f}]"
+def _with_interval(values: pd.Series) -> str:
+    """The mean over the draws, or the root of that of squares."""
+    mean = _root_mean if str(values.name).endswith("squared") else np.mean
+    low, high, _ = by_bootstrap(values.to_numpy(), mean)
+    return f"{mean(values):.4f} [{low:.4f} {high:.4f}]"
+
+
+def _root_mean(values: Array) -> float:
+    return float(np.sqrt(np.mean(values)))

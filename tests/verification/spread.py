@@ -23,8 +23,6 @@ ROOT = Path(__file__).resolve().parents[2]
 # quoted so small.
 ZERO = 1e-6
 SHOWN = 10  # lines of text that differ, at most
-# A cell that reads a clock prints something else in each run; that is no matter of rounding.
-MEASURES_TIME = re.compile(r"\.seconds\b|perf_counter")
 
 
 def instruction_sets():
@@ -117,7 +115,7 @@ def scoreboard():
 
 
 def chapters():
-    """What each chapter, and each other page with code, glues, quotes and prints."""
+    """What each chapter, and each other page with code, glues and quotes."""
     from workbench.sweep.notebook import run_notebook
 
     found = {}
@@ -136,25 +134,12 @@ def chapters():
 
 
 def _texts(run):
-    """The numbers as the text quotes them, and what the cells print."""
+    """The numbers as the text quotes them."""
     for cell in run.notebook.cells:
         if cell.cell_type == "markdown":
             for name, form in re.findall(r"\{glue:text\}`(\w[^:`]*):?([^`]*)`", cell.source):
                 if isinstance(value := run.results.get(name), (int, float)):
                     yield f"{name}:{form}", format(value, form)
-    for place, cell in enumerate(run.notebook.cells):
-        if MEASURES_TIME.search(cell.source):
-            continue
-        text = "".join(map(_plain, cell.get("outputs", [])))  # printed at once or in several parts
-        for k, line in enumerate(re.sub(r"0x[0-9a-f]+", "", text).splitlines()):
-            yield f"cell {place} line {k}", line
-
-
-def _plain(output):
-    """What an output of a cell shows as text; nothing for what it only glues, and for warnings."""
-    if "scrapbook" in output.get("metadata", {}) or output.get("name") == "stderr":
-        return ""
-    return output.get("text") or output.get("data", {}).get("text/plain", "") + "\n"
 
 
 GROUPS = {"tables": tables, "errata": errata, "scoreboard": scoreboard, "chapters": chapters}
@@ -167,7 +152,7 @@ def report(arguments):
     sets = instruction_sets()
     print(
         "spread: the largest relative difference of a number between instruction sets; texts that differ (numbers\n"
-        f"as they are quoted, verdicts, what chapters print). Sets: {', '.join(sets)}"
+        f"as they are quoted, verdicts). Sets: {', '.join(sets)}"
     )
     print(f"{'group':12s}{'numbers':>9s}{'largest':>10s}{'texts':>8s}{'differ':>8s}  where")
     for group in arguments.groups:

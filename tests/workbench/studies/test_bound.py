@@ -10,11 +10,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.linalg import eigh
 from scipy.spatial.transform import RigidTransform, Rotation
-from scipy.stats import chi2, norm
+from scipy.stats import norm
 
-from trinolab.bench.optics import Bench, blurred, digitise
+from trinolab.bench.optics import Bench
 from trinolab.bench.rays import marker_outline
-from trinolab.bench.scene import radiance
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_sweep
 from trinolab.handle import Handle
@@ -102,43 +101,6 @@ def test_information_is_that_of_the_markers_edges():
     assert ratios.max() < 1.15
     assert bound_of(ours).rms_mm == pytest.approx(bound_of(edges).rms_mm, rel=0.04)
     assert bound_of(ours).rms_deg == pytest.approx(bound_of(edges).rms_deg, rel=0.04)
-
-
-@pytest.mark.heavy
-def test_frames_scatter_as_the_information_says():
-    """Scores J^T W (frame - expected) of drawn frames have the information for their covariance."""
-    n, rng, fine = 1500, np.random.default_rng(0), replace(FLAT, marker_supersampling=32)
-    _, chosen = bound.chosen_pixels(FRONT, WIDE, T, "markers")
-    step_mm = 0.2 * np.linalg.norm(T.translation) / FRONT.focal.max()
-    J = bound.derivatives(
-        FRONT, WIDE, T, fine, chosen, bound.small_steps(step_mm, np.abs(WIDE.marker_centres).max())
-    )
-    expected = blurred(radiance(FRONT, WIDE, T, fine), fine)
-    weighted = J / (0.05 * expected[chosen] + 1.5**2 + 1 / 12)[:, None]
-    scores = np.array(
-        [(digitise(expected, FLAT, rng)[chosen] - expected[chosen]) @ weighted for _ in range(n)]
-    )
-    inverse = np.linalg.inv(information(FRONT, WIDE, T, FLAT))
-    low, high = chi2(6 * n).ppf([0.0005, 0.9995]) / n  # 5.7 to 6.3
-    assert low < np.einsum("ni,ij,nj->n", scores, inverse, scores).mean() < high
-
-
-@pytest.fixture
-def coarse(monkeypatch):
-    """Fewer samples a pixel where the figures themselves do not matter."""
-    monkeypatch.setattr(bound, "SAMPLES", (8, 4))
-
-
-@pytest.mark.heavy
-@pytest.mark.usefixtures("coarse")
-@pytest.mark.parametrize("pixels", ["markers", "around", "handle"])
-def test_unknown_greys_take_information_away(pixels):
-    known, unknown = (
-        information(FRONT, WIDE, T, Bench(), pixels, known_greys=k) for k in (True, False)
-    )
-    lost = eigh(known - unknown, known, eigvals_only=True)
-    assert lost.min() > -1e-9
-    assert 1e-5 < lost.max() < 1
 
 
 def test_handle_out_of_sight_has_no_bound():

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import RigidTransform, Rotation
+from scipy.spatial.transform import Rotation
 
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import radiance, render, scaled
@@ -40,11 +40,6 @@ def moved_spots(image, camera, shifted, handle=CODED):
         found.append(partner - uv)
         due.append((after - before)[marker])
     return np.array(found), np.array(due)
-
-
-def test_gamma_by_hand():
-    levels = np.array([[0, 64, 255]], np.uint8)
-    assert broken.gamma(levels).tolist() == [[0, 111, 255]]  # 255 (64 / 255) ** 0.6 = 111.2
 
 
 def test_a_rig_file_is_off_by_as_much_as_it_should():
@@ -82,28 +77,6 @@ def test_displaced_markers_lie_beside_their_places_each_its_own_way():
     np.testing.assert_allclose(np.linalg.norm(way, axis=1), 0.05, rtol=1e-4)  # chord for arc
     assert np.ptp(way[:, 1]) > 0.05
     np.testing.assert_allclose(np.hypot(*made.marker_centres[:, [0, 2]].T), CODED.radius_mm)
-
-
-@pytest.mark.parametrize("seed", [0, 1])
-def test_oval_markers_have_the_right_sides(seed):
-    """The second moments of the light of a marker that faces the camera: of an ellipse a squared
-    quarter of each half axis.
-    """
-    made = broken.oval(CODED, np.random.default_rng(seed))
-    camera = PAIR.cameras[0]
-    facing = RigidTransform.from_components(
-        [0, 0, 400.0], Rotation.from_euler("YZ", [180, 90], degrees=True)
-    )
-    bench = Bench(background_grey=0.0, body_grey=0.0, marker_grey=200.0, shading=0.0)
-    light = radiance(camera, made, facing, bench)
-    u, v = np.round(camera.project(facing.apply(made.marker_centres[:1]))[0]).astype(int)
-    window = light[v - 20 : v + 21, u - 20 : u + 21]
-    grid = np.mgrid[-20:21, -20:21].reshape(2, -1)
-    moments = np.cov(grid, aweights=window.ravel(), ddof=0) - np.eye(2) / 12
-    across_v, across_u = 4 * np.sqrt(np.diag(moments)) / camera.focal[::-1] * 395.0
-    assert sorted([made.marker_length_mm, made.marker_diameter_mm]) == pytest.approx([2.85, 3.15])
-    assert across_u == pytest.approx(made.marker_length_mm, abs=0.01)  # the axis lies along u
-    assert across_v == pytest.approx(made.marker_diameter_mm, abs=0.06)  # it is bent: 1.5 % less
 
 
 def test_a_kink_moves_the_upper_row_alone():
@@ -151,24 +124,6 @@ def test_a_rolling_shutter_takes_each_row_at_its_own_time():
         camera, CODED, T, motion._replace(velocity=np.zeros(3), turn_rate=np.zeros(3))
     )
     np.testing.assert_allclose(still, radiance(camera, CODED, T, broken.BENCH), atol=1e-9)
-
-
-def test_the_highlight_lies_where_lamp_and_camera_have_their_half():
-    """A handle across the view: the half of the directions to the camera, (0, -1) in y and z, and to
-    the lamp, (-0.3, -1), leans by half of atan 0.3.
-    """
-    across = RigidTransform.from_components(
-        [0, 0, 560.0], Rotation.from_euler("Z", 90, degrees=True)
-    )
-    camera = PAIR.cameras[0]
-    image = broken.highlight(camera, CODED, across)
-    lean = np.arctan(0.3) / 2
-    point = [[0, -CODED.radius_mm * np.sin(lean), 560.0 - CODED.radius_mm * np.cos(lean)]]
-    u, v = camera.project(point)[0]
-    column = image[:, round(u)]
-    assert (column * np.arange(1024)).sum() / column.sum() == pytest.approx(v, abs=0.2)
-    assert 380 < column.max() <= 400
-    assert np.flatnonzero(image.any(axis=1)).size < 60  # the body is 52 px wide
 
 
 @pytest.mark.parametrize("name", FAULTS)

@@ -5,7 +5,6 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from workbench.studies import carrier
 from workbench.studies.carrier import Table, make_tables, results_of
 
 DONE = []
@@ -123,9 +122,3 @@ def test_some_tables_are_made_and_an_unknown_one_is_refused(tmp_path):
     assert not (tmp_path / "scatter.csv").exists()
     with pytest.raises(ValueError, match="name: expected one of scatter, powers, got 'colour'"):
         make_tables([SCATTER, POWERS], tmp_path, tmp_path / "kept", ["colour"])
-
-
-def test_a_script_of_a_checkout_is_missed_where_the_package_is_installed(tmp_path, monkeypatch):
-    monkeypatch.setattr(carrier, "data_path", lambda: tmp_path)
-    with pytest.raises(ValueError, match="elevation: its script is in data/tables of the repo"):
-        carrier.script("elevation")

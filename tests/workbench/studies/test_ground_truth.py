@@ -9,10 +9,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trinolab.background import BackgroundParameters, Detection, step
+from trinolab.background import Detection
 from trinolab.bench import optics, rendering, scene
 from trinolab.bench.rendering import scripted, standard_recording
-from trinolab.bench.scenario import take
 from trinolab.bench.scene import scaled
 from trinolab.datasets import load_handle, load_rig
 from trinolab.files.poses import poses_by_frame, read_poses
@@ -26,7 +25,6 @@ from workbench.studies.ground_truth import (
     moving_windows,
     read_recording,
     regions,
-    watch,
     wrong,
 )
 
@@ -188,23 +186,3 @@ def test_shares_by_hand():
     assert wrong(Detection(found, found, None), truth) == (1.0, 0.5)
     nothing = Regions(*np.zeros((2, 1, 5), bool))
     assert np.isnan(wrong(Detection(found, found, None), nothing)).all()
-
-
-def test_watching_is_step_after_step():
-    frames = [take(JOB, k, 1) for k in (0, 36, 40)]
-    truths, parameters = (
-        [regions(cover(JOB, k, 1)) for k in (0, 36, 40)],
-        BackgroundParameters(min_pixels=8),
-    )
-    watched, state = watch(frames, frames[0], truths, parameters), frames[0]
-    for k, frame in enumerate(frames):
-        state, detection = step(state, frame, parameters)
-        assert watched.windows[k] == detection.window
-        np.testing.assert_array_equal(
-            [watched.false[k], watched.missed[k]], wrong(detection, truths[k])
-        )
-    np.testing.assert_array_equal(watched.background, state)
-    assert watched.windows[0] is None
-    assert watched.windows[1] is not None
-    with pytest.raises(ValueError, match="shorter"):
-        watch(frames, frames[0], truths[:2])

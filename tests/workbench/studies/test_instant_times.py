@@ -32,17 +32,6 @@ def test_the_silent_rig_has_lenses_with_distortion_and_says_nothing():
     )
 
 
-def test_a_shorter_exposure_is_a_shorter_way_and_nothing_else():
-    usual, short = (job_of(Film("hard", ms, 3, 4)) for ms in (10.0, 6.0))
-    for long_way, way in zip(usual.shots, short.shots, strict=True):
-        np.testing.assert_allclose(way.velocity, 0.6 * long_way.velocity, atol=1e-12)
-        np.testing.assert_allclose(way.turn_rate, 0.6 * long_way.turn_rate, atol=1e-12)
-        assert way.gains == long_way.gains
-        np.testing.assert_array_equal(
-            way.T_world_handle.as_matrix(), long_way.T_world_handle.as_matrix()
-        )
-
-
 def test_velocities_of_the_fast_hand_are_its_poses_differences():
     step = 1e-5
     times = np.array([0.1, 0.37, 0.9])
@@ -109,13 +98,6 @@ def test_an_interval_counts_the_draws_of_an_instant_as_one():
     first, fifth = (film_rows(table).iloc[0] for table in (one, again))
     for name in ("mean_mm_low", "mean_mm_high", "ratio_median_low", "nees_high"):
         assert first[name] == fifth[name]
-
-
-def test_a_film_of_less_than_a_second_has_no_interval_and_a_wrong_pose_counts_where_nobody_is():
-    table = instants(12, mm=np.inf, deg=np.inf, nees=np.nan, possible=False)
-    film = film_rows(table).iloc[0]
-    assert film["wrong"] == 24
-    assert np.isnan(film[["mean_mm", "nees", "measured", "ratio_median_low"]].astype(float)).all()
 
 
 def test_the_shipped_tables_are_those_of_the_films():

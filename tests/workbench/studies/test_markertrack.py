@@ -63,22 +63,6 @@ def test_it_looks_elsewhere_first_and_then_where_the_target_will_be():
     assert np.nanmax([look.nis for look in looks]) < 13.8  # the gate
 
 
-def test_what_lies_outside_the_window_is_not_seen():
-    frames = [discs(middle(t), *([(550, 90)] if t > 0.1 else [])) for t in TIMES]
-    looks = follow(frames, TIMES, CODED, [WHOLE] * 12, PARAMETERS)
-    assert [len(look.markers.uv) for look in looks] == [5] * 12
-
-
-def test_nothing_is_followed_until_something_is_seen():
-    frames = [discs() if t < 0.1 else discs(middle(t)) for t in TIMES]
-    looks = follow(frames, TIMES, CODED, [None, WHOLE] + [WHOLE] * 10, PARAMETERS)
-    assert looks[0].window is None
-    assert [look.used for look in looks] == [bool(t >= 0.1) for t in TIMES]
-    assert [look.box is None for look in looks] == [bool(t < 0.1) for t in TIMES]
-    assert np.isnan(looks[3].nis)
-    assert looks[4].nis >= 0
-
-
 def test_a_hidden_target_is_looked_for_in_a_window_that_grows_and_after_a_while_elsewhere():
     times = np.arange(18) / 30
     frames = [discs(middle(t)) if t < 0.19 or t > 0.53 else discs() for t in times]

@@ -24,7 +24,6 @@ from workbench.studies.master_slave import (
     lag_s,
     latency_budget,
     mapped,
-    parts,
     reference_lag_s,
     run,
 )
@@ -57,14 +56,6 @@ def steady(speed, turn=0.0):
 
 
 # --- the error, taken apart
-
-
-def test_a_hand_at_rest_without_noise_has_no_error():
-    trial = run(ROBOT, still, MAPPING, age_s=0.05, duration_s=1.0)
-    assert trial.held == ()
-    for name, (mm, deg) in parts(trial).items():
-        assert mm < 1e-4, name  # servo: it settles by 3e-6
-        assert deg < 1e-4, name
 
 
 def test_a_steady_motion_is_behind_by_the_sum_of_the_lags():
@@ -114,12 +105,13 @@ def test_the_measured_delay_is_the_sum_of_the_budget(pace, within_s):
 
 def test_the_cross_correlation_finds_a_known_delay_between_ticks():
     t = 0.002 * np.arange(1000)
-    stages = {
-        name: RigidTransform.from_translation(
-            50 * np.stack([np.sin(3 * s), np.cos(2 * s), s * 0], axis=1)
+
+    def delayed(s):
+        return RigidTransform.from_translation(
+            50 * np.stack([np.sin(3 * s), np.cos(2 * s), 0 * s], 1)
         )
-        for name, s in (("hand", t), ("tool", t - 0.0837))
-    }
+
+    stages = {"hand": delayed(t), "tool": delayed(t - 0.0837)}
     assert lag_s(master_slave.Trial(t, stages, ())) == pytest.approx(0.0837, abs=5e-4)
     with pytest.raises(ValueError, match="trial"):
         lag_s(master_slave.Trial(t[:300], {k: stage[:300] for k, stage in stages.items()}, ()))
@@ -171,11 +163,9 @@ def test_the_reach_is_whole_near_home_and_ends_with_the_arm():
 @pytest.mark.parametrize(
     "way",
     [
-        pytest.param((150.0, 0.0, 50.0), marks=pytest.mark.heavy),
-        pytest.param((-150.0, 100.0, -60.0), marks=pytest.mark.heavy),
-        # just within the reach
+        # just within the reach, and beyond it
         pytest.param((-330.0, 0.0, 0.0), marks=pytest.mark.heavy),
-        (-420.0, 0.0, 0.0),  # beyond it
+        pytest.param((-420.0, 0.0, 0.0), marks=pytest.mark.heavy),
     ],
 )
 def test_a_point_that_newton_reaches_the_arm_reaches_tick_by_tick(way):
@@ -199,13 +189,7 @@ def test_what_the_papers_errors_are_at_the_tool():
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [
-        ("rate_hz", 0.0),
-        ("age_s", -1.0),
-        ("duration_s", 0.0),
-        ("noise_mm", -0.1),
-        ("noise_deg", np.nan),
-    ],
+    [("rate_hz", 0.0), ("age_s", -1.0), ("duration_s", 0.0), ("noise_deg", np.nan)],
 )
 def test_arguments_that_are_refused(name, value):
     with pytest.raises(ValueError, match=name):
@@ -224,14 +208,10 @@ def test_the_block_pushes_back_where_it_is_touched():
         felt.tool.translation[1]
         < master_slave.BLOCK_Y_MM - master_slave.TOOL_RADIUS_MM + master_slave.DEEP_MM
     )
-    block = session.robot.model.geom("block")
-    assert block.pos[1] == 0  # in its body
-    assert 1000 * (session.robot.model.body("block").pos[1] - block.size[1]) == pytest.approx(
-        master_slave.BLOCK_Y_MM
-    )
-    assert 1000 * session.robot.model.geom("tool").size[0] == pytest.approx(
-        master_slave.TOOL_RADIUS_MM
-    )
+    model = session.robot.model
+    front = model.body("block").pos[1] - model.geom("block").size[1]
+    assert 1000 * front == pytest.approx(master_slave.BLOCK_Y_MM)
+    assert 1000 * model.geom("tool").size[0] == pytest.approx(master_slave.TOOL_RADIUS_MM)
 
 
 def test_the_speed_is_the_rms_over_the_ticks_at_the_tool_s_scale():

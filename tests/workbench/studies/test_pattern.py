@@ -9,7 +9,7 @@ from scipy import stats
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.pose import rigid_fit
 from workbench.studies.calibration_error import pattern as shares
-from workbench.studies.deviations import Errors, Source, drawn, exact, first_order
+from workbench.studies.deviations import Errors, drawn, exact, first_order
 from workbench.studies.error_sources import (
     make_trial,
     one_focal_length,
@@ -24,7 +24,6 @@ from workbench.studies.pattern import (
     holm,
     largest_size,
     p_values,
-    pattern_table,
     rigid_field,
     scaled,
     smooth_share,
@@ -168,21 +167,3 @@ def test_the_largest_size_is_refused_in_one_of_twenty(trial):
             below.append((smooth_share(PLACES, some) <= OBSERVED[-1]).mean())
         assert below[0] == pytest.approx(0.05, abs=0.025)  # 1,000 tables: 0.007
         assert below[1] < below[0] - 0.01
-
-
-def test_a_cause_that_is_not_smooth_may_be_all(trial):
-    size, share = largest_size(platform(trial, 0.1), platform(trial, 0.1), TRUTHS, TABLE_MM)
-    assert share == 1.0
-    assert size == pytest.approx(0.1908 * np.sqrt(3), rel=0.01)  # a uniform one of that sigma
-
-
-def test_fitted_statistics_are_not_tested(trial, noise):
-    made_by = ["offset_alpha", "depth"]
-    quiet = Source("other", *noise[1:])
-    table = pattern_table([(noise, ()), (quiet, made_by)], TRUTHS, OBSERVED, 199)
-    assert len(table) == 2 * len(STATISTICS)
-    assert set(table[table["fitted"]]["statistic"]) == set(made_by)
-    assert table[table["fitted"]]["p_holm"].isna().all()
-    tested = table[~table["fitted"]]
-    np.testing.assert_allclose(tested["p_holm"], holm(tested["p"]))
-    assert (tested["p_holm"] >= tested["p"]).all()

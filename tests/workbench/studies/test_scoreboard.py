@@ -139,14 +139,6 @@ def test_a_value_is_quoted_with_its_unit_interval_and_draws():
             module.quoted(no)
 
 
-def test_without_the_run_a_drawn_row_is_not_run(monkeypatch):
-    monkeypatch.setattr(module, "drawn_results", dict)
-    row = dict(zip(COLUMNS, score(claim("11")), strict=True))
-    assert row["verdict"] == "not run"
-    assert "python -m workbench.studies claims" in row["reason"]
-    assert np.isnan(row["ours"])
-
-
 def test_no_lost_pose_flatters_a_mean():
     """Every pose of Table 1 was measured in every draw: a lost one would be left out of the means."""
     draws = pd.read_csv(data_path("claims_draws.csv"))
@@ -206,7 +198,6 @@ def test_the_essential_board_has_a_line_a_question_with_all_its_rows():
     assert len(lines) == 16
     (line,) = [one for one in lines if one.strip().startswith("17, 17a")]
     rows = board.set_index("no").loc[["17", "17a"]]
-    assert f"{rows['ours'].iloc[0]:.3g}, {rows['ours'].iloc[1]:.3g}" in line
     assert line.rstrip().endswith(", ".join(rows["verdict"]))
 
 

@@ -75,11 +75,6 @@ def test_beyond_is_more_than_five_sigmas_however_little_that_is():
     assert stress.sums([Deviation(0.06, 0.1, 0.01, 0.1, 1.0), MISSING])["beyond"] == 1
 
 
-def test_blocks_that_an_estimator_has_not_measured_do_not_count():
-    blocks = pd.DataFrame([{f"r/e/{k}": v for k, v in stress.sums(HELD).items()}, {}])
-    assert stress.judged(blocks, "r/e")["n"] == 2
-
-
 def test_a_fault_is_both_handles_together():
     """Two of four poses at 1 mm and 3 sigmas, and one of six at 4 mm and 6 sigmas."""
     common = {"fault": "rain", "rig": "r", "estimator": "e", "unforeseen": 1, "beyond": 2}

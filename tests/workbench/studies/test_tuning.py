@@ -44,17 +44,12 @@ def drawn(p, times, count, rng):
     """Tracks drawn from the model itself, the first observation at the first time, shape
     (len(times), 2 * count).
     """
-    steps, start, columns = np.diff(times), initial_state([0, 0], p), []
-    F, Q = (
-        [constant_acceleration(dt) for dt in steps],
-        [white_jerk(dt, p.jerk_intensity) for dt in steps],
-    )
-    for _ in range(count):
-        _, uv = image_track.draw(
-            start, len(steps), F, Q, observation_matrix(), p.sigma_px**2 * np.eye(2), rng
-        )
-        columns.append(np.vstack([[0, 0], uv]))
-    return np.hstack(columns)
+    steps, start = np.diff(times), initial_state([0, 0], p)
+    F = [constant_acceleration(dt) for dt in steps]
+    Q = [white_jerk(dt, p.jerk_intensity) for dt in steps]
+    H, R = observation_matrix(), p.sigma_px**2 * np.eye(2)
+    tracks = [image_track.draw(start, len(steps), F, Q, H, R, rng)[1] for _ in range(count)]
+    return np.hstack([np.vstack([[0, 0], uv]) for uv in tracks])
 
 
 def test_the_quick_filter_is_that_of_the_chapter():
@@ -92,11 +87,6 @@ def test_the_fading_transition_is_that_of_the_differential_equation(fading_s):
     np.testing.assert_allclose(transition(0.07, fading_s), expm(A * 0.07), atol=1e-12)
 
 
-def test_without_fading_it_is_that_of_the_paper():
-    np.testing.assert_array_equal(transition(0.07), constant_acceleration(0.07)[::2, ::2])
-    np.testing.assert_allclose(transition(0.07, 1e4), transition(0.07), atol=1e-5)  # dt / fading
-
-
 def test_a_known_model_is_found_again():
     rng = np.random.default_rng(2)
     data = [(times, drawn(DRAWN, times, 60, rng)) for times in (np.arange(40) / 30, 3 * UNEVEN)]
@@ -112,20 +102,6 @@ def test_a_known_model_is_found_again():
         [innovations(times, z, image_model(found)).squared.ravel() for times, z in data]
     )
     assert squared.mean() == pytest.approx(1.0, abs=1e-3)  # as the common scale is free
-
-
-def test_only_what_is_free_is_fitted():
-    z = drawn(DRAWN, UNEVEN, 10, np.random.default_rng(3))
-    start = MODEL._replace(fading_s=0.5)
-    found = most_likely([(UNEVEN, z)], start, ["jerk_intensity"])
-    assert found[1:] == start[1:]
-    likely = [
-        innovations(
-            UNEVEN, z, start._replace(jerk_intensity=found.jerk_intensity * f)
-        ).log_likelihood
-        for f in (0.9, 1.0, 1.1)
-    ]
-    assert likely[1] == max(likely)
 
 
 def test_the_band_by_hand():
