@@ -1,5 +1,5 @@
 """The heavy counts, as a report: bound, accuracy, covariances, centroids, identities, files,
-tracks, refining, slips, processors.
+refining, slips, processors.
 
     python tests/verify.py [--only table1 slips] [--seeds 50] [--poses 1000] ...
 """
@@ -29,7 +29,6 @@ from verification import (
     slips,
     spread,
     table1,
-    tracks,
 )
 
 SECTIONS = {
@@ -40,7 +39,6 @@ SECTIONS = {
     "hostile": misled.report,
     "fuzz": fuzz.report,
     "commands": commands.report,
-    "tracks": tracks.report,
     "refine": refined.report,
     "heavy": heavy.report,
     "chapters": chapters.report,

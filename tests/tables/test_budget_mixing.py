@@ -7,13 +7,11 @@ from budget import mix, mixes
 from trinolab.datasets import load_handle, load_rig, load_table1
 from workbench.studies.deviations import drawn, first_order, means, together
 from workbench.studies.error_sources import (
-    askew,
     make_trial,
     pixel_noise,
     platform,
     printed_digits,
     set_angles,
-    turned_reference,
 )
 from workbench.studies.pattern import scaled
 
@@ -53,17 +51,3 @@ def test_mixes_are_sorted_and_every_source_of_a_pair_helps(trial):
     assert ("pixel noise", "zeros of the set angles") not in by_name  # the zeros move no position
     for names, misfit in by_name.items():
         assert len(names) == 1 or misfit < min(by_name[(name,)] for name in names)
-
-
-def test_three_are_kept_where_the_third_helps(trial):
-    """Places move positions, a turn of the mount and one of the reference turn poses: targets that
-    all three have made, and no two.
-    """
-    three = [platform(trial, 0.1), askew(trial, 0.5), turned_reference(trial, 0.5)]
-    digits = printed_digits(trial)
-    made = together([three[0], scaled(three[1], 0.5), scaled(three[2], 2.0)], "made")
-    tables = drawn(together([made, digits], "with digits"), 3000, np.random.default_rng(4))
-    targets = means(first_order(tables, TRUTHS))[:4]
-    best = mixes(three, digits, TRUTHS, targets)[0]
-    assert [s.name for s in best.sources] == [s.name for s in three]
-    assert best.misfit < 1.05

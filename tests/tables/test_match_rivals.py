@@ -86,19 +86,14 @@ def test_counts_by_hand():
 
 def test_a_share_of_nothing_has_an_interval():
     """Of 300 pairs without a wrong one 1.3 % may be wrong (Wilson, 1.96^2 / (n + 1.96^2))."""
-    draws = pd.DataFrame(
-        {
-            "instants": 12,
-            "given": [100, 200],
-            "wrong": 0,
-            "due": [50, 50],
-            "missing": [5, 10],
-            "posed": 12,
-            "compared": [10, 12],
-            "sum_mm": [1.0, 1.2],
-            "sum_deg": [20.0, 2.0],
-        }
-    )
+    of_each = {
+        "given": [100, 200],
+        "missing": [5, 10],
+        "compared": [10, 12],
+        "sum_mm": [1.0, 1.2],
+        "sum_deg": [20.0, 2.0],
+    }
+    draws = pd.DataFrame({"instants": 12, "wrong": 0, "due": 50, "posed": 12, **of_each})
     row = script.shares(draws)
     assert (row["given"], row["wrong"], row["missing"], row["draws"]) == (300, 0, 15, 2)
     assert row["wrong_percent_low"] == 0

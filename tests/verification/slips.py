@@ -17,6 +17,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from slips import Slip, planted, slips
 from tqdm import tqdm
 
@@ -121,46 +122,22 @@ def _is_compiled(module: Path) -> bool:
 
 
 def _print_summary(found: dict[Path, Results]) -> None:
-    """Of each folder how many slips are found, by two test functions or more, by how many cases, and
-    how few functions would do.
+    """Of each folder how many slips are found, by two test functions or more, and by how many cases;
+    which modules lie low.
     """
-    print(
-        "\nmodules            planted  found, %  by two, %  cases each  functions that find each twice"
-    )
-    for folder in dict.fromkeys(module.parent for module in found):
-        parts = {module: results for module, results in found.items() if module.parent == folder}
-        functions = [
-            {words: {case.partition("[")[0] for case in cases} for words, cases in results.items()}
-            for results in parts.values()
-        ]
-        counts = [len(names) for part in functions for names in part.values()]
-        cases = [len(cases) for results in parts.values() for cases in results.values() if cases]
-        few = sum(len(fewest(part)) for part in functions)
-        print(
-            f"{folder.name:18s} {len(counts):7d}  {100 * np.mean(np.greater(counts, 0)):8.1f}  "
-            f"{100 * np.mean(np.greater(counts, 1)):9.1f}  {np.mean(cases or [0]):10.1f}  {few}"
-        )
-    shares = {
-        path: 100 * np.mean(list(map(bool, one.values()))) for path, one in found.items() if one
-    }
-    low = [f"{path.stem} {share:.0f} %" for path, share in shares.items() if share < LEAST]
+    rows = []
+    for module, results in found.items():
+        for cases in results.values():
+            functions = {case.partition("[")[0] for case in cases}
+            about = {"folder": module.parent.name, "module": module.stem}
+            rows.append({**about, "functions": len(functions), "cases": len(cases) or np.nan})
+    table = pd.DataFrame(rows)
+    table["found"] = 100.0 * (table["functions"] > 0)
+    table["by two"] = 100.0 * (table["functions"] > 1)
+    folders = table.groupby("folder", sort=False)
+    summary = folders[["found", "by two", "cases"]].mean().assign(planted=folders.size())
+    print("\nPer cent found, by two functions or more, and cases that find a slip that is found:")
+    print(summary.to_string(float_format="{:.1f}".format))
+    shares = table.groupby("module")["found"].mean()
+    low = [f"{name} {share:.0f}" for name, share in shares.items() if share < LEAST]
     print(f"below {LEAST} %: {', '.join(low) or 'none'}")
-
-
-def fewest(functions: dict[str, set[str]], times: int = 2) -> list[str]:
-    """A small set of test functions in which `times` of them find each slip, where so many do; the
-    one that finds most of what is still missing comes first.
-    """
-    missing = {words: min(times, len(names)) for words, names in functions.items()}
-    chosen: list[str] = []
-    while any(missing.values()):
-        open_slips = [words for words, count in missing.items() if count]
-        counts: dict[str, int] = {}
-        for words in open_slips:
-            for name in functions[words] - set(chosen):
-                counts[name] = counts.get(name, 0) + 1
-        best = max(sorted(counts), key=counts.__getitem__)
-        chosen.append(best)
-        for words in open_slips:
-            missing[words] -= best in functions[words]
-    return chosen

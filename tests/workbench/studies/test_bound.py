@@ -61,17 +61,12 @@ def edge_information(camera, handle, bench, tiny=1e-4):
     """
     sigma = np.hypot(bench.blur_px, np.sqrt(1 / 12))  # lens and pixel
     step = bench.marker_grey - bench.body_grey
-    across = (
-        step**2
-        * quad(
-            lambda x: (
-                norm.pdf(x, 0, sigma) ** 2
-                / (1.5**2 + 1 / 12 + 0.05 * (bench.body_grey + step * norm.cdf(x, 0, sigma)))
-            ),
-            -6,
-            6,
-        )[0]
-    )
+
+    def density(x):
+        grey = bench.body_grey + step * norm.cdf(x, 0, sigma)
+        return norm.pdf(x, 0, sigma) ** 2 / (1.5**2 + 1 / 12 + 0.05 * grey)
+
+    across = step**2 * quad(density, -6, 6)[0]
     F = np.zeros((6, 6))
     for k in range(len(handle.marker_centres)):
         outline = marker_outline(handle, k, 720)

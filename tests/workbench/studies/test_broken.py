@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import radiance, render, scaled
@@ -42,21 +41,6 @@ def moved_spots(image, camera, shifted, handle=CODED):
     return np.array(found), np.array(due)
 
 
-def test_a_rig_file_is_off_by_as_much_as_it_should():
-    rng = np.random.default_rng(0)
-    shifts, turns = [], []
-    for _ in range(400):
-        rig = broken.miscalibrated(PAIR, 0.3, 0.02, rng)
-        for wrong, right in zip(rig.cameras, PAIR.cameras, strict=True):
-            shifts.append(wrong.principal_point - right.principal_point)
-            turns.append((wrong.T_cam_world * right.T_world_cam).rotation.as_rotvec(degrees=True))
-    # 800 camera draws with two and three numbers each: 2.5 % are two standard deviations and more
-    assert np.std(shifts) == pytest.approx(0.3, rel=0.05)
-    assert np.std(turns) == pytest.approx(0.02, rel=0.05)
-    (same, _) = broken.miscalibrated(PAIR, 0.0, 0.0, rng).cameras
-    assert np.array_equal(same.matrix, PAIR.cameras[0].matrix)
-
-
 def test_a_rig_file_says_how_far_off_it_is():
     """By many draws; a turn about a camera's centre is one about the world's origin and a shift."""
     rng = np.random.default_rng(0)
@@ -65,33 +49,12 @@ def test_a_rig_file_says_how_far_off_it_is():
     ]
     stated = broken.covariance_of_such(TRIO, 0.3, 0.02).matrix
     sigma = np.sqrt(np.diag(stated))
+    np.testing.assert_allclose(sigma[[2, 3, 17, 18]], 0.3)  # principal points
+    np.testing.assert_allclose(sigma[24:27], np.deg2rad(0.02) * np.sqrt(2))  # by two cameras
     assert (sigma > 0).sum() == 2 * 8 + 5  # px, rad, mm; the first camera is the world's origin
     unit = np.outer(*[np.where(sigma > 0, sigma, 1e-9)] * 2)
     # 500 draws: of a variance 6 % are a standard deviation, of a correlation less
     np.testing.assert_allclose(np.cov(np.array(drawn).T) / unit, stated / unit, atol=0.25)
-
-
-def test_displaced_markers_lie_beside_their_places_each_its_own_way():
-    made = broken.displaced(CODED, np.random.default_rng(1))
-    way = made.marker_centres - CODED.marker_centres
-    np.testing.assert_allclose(np.linalg.norm(way, axis=1), 0.05, rtol=1e-4)  # chord for arc
-    assert np.ptp(way[:, 1]) > 0.05
-    np.testing.assert_allclose(np.hypot(*made.marker_centres[:, [0, 2]].T), CODED.radius_mm)
-
-
-def test_a_kink_moves_the_upper_row_alone():
-    rng = np.random.default_rng(3)
-    way = np.random.default_rng(3).uniform(0, 2 * np.pi)
-    (frame, _), _ = broken.bent(NOW, rng)
-    turn = Rotation.from_rotvec(0.1 / 10 * np.array([np.cos(way), 0, np.sin(way)]))
-    upper = CODED.marker_centres[:, 1:2] > 0
-    kinked = np.where(upper, turn.apply(np.array(CODED.marker_centres)), CODED.marker_centres)
-    np.testing.assert_allclose(
-        np.linalg.norm((kinked - CODED.marker_centres)[::2], axis=1).max(), 0.112, atol=0.01
-    )
-    found, due = moved_spots(frame, PAIR.cameras[0], T.apply(kinked))
-    assert np.abs(due).max() > 0.3
-    np.testing.assert_allclose(found, due, atol=0.1)
 
 
 def test_a_camera_that_waits_sees_the_handle_where_it_is_then():

@@ -107,16 +107,6 @@ def test_what_is_kept_belongs_to_what_it_was_made_from(tmp_path):
         assert len(DONE) == count
 
 
-@pytest.mark.parametrize("damaged", ["{", "3", '["b", 2, "long"]', '["b"'])
-def test_a_damaged_line_is_done_again_with_all_behind_it(tmp_path, damaged):
-    kept = tmp_path / "kept.jsonl"
-    values(kept)
-    head, first, _, third = kept.read_text().splitlines()
-    kept.write_text("\n".join([head, first, damaged, third, ""]))
-    assert values(kept) == [1, 2, 3]
-    assert DONE[3:] == [(1, 1), (1, 2)]
-
-
 def test_some_tables_are_made_and_an_unknown_one_is_refused(tmp_path):
     make_tables([SCATTER, POWERS], tmp_path, tmp_path / "kept", ["powers"])
     assert not (tmp_path / "scatter.csv").exists()

@@ -13,16 +13,12 @@ from trinolab.bench.optics import Bench, blurred
 from trinolab.bench.scene import radiance
 from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_handle
-from trinolab.markers import find_markers
-from workbench.paper.errata.markers import last_threshold_alone
 from workbench.studies.centroid_bias import (
     METHODS,
     centres,
     centroid_errors,
     centroid_report,
-    hostile_stills,
     inward,
-    still,
     turned_marker,
 )
 
@@ -74,15 +70,7 @@ def test_report_finds_bias_scatter_and_noise():
     errors = pd.DataFrame({"marker": 0, **columns})
     errors.loc[:9, ["along", "across"]] = np.nan
     table = centroid_report(errors)
-    assert list(table["slant_deg"]) == [
-        "0-10",
-        "10-20",
-        "20-30",
-        "30-40",
-        "40-50",
-        "50-60",
-        "60-65",
-    ]
+    assert ", ".join(table["slant_deg"]) == "0-10, 10-20, 20-30, 30-40, 40-50, 50-60, 60-65"
     assert (table["n"].sum(), table["missed"].sum()) == (6000, 10)
     middles = np.array([5, 15, 25, 35, 45, 55, 62.5])
     assert (np.abs(table["bias_along"] - 1e-3 * middles) < 4 * table["se_along"]).all()
@@ -130,29 +118,6 @@ def test_a_turned_marker_is_where_its_light_is_and_the_detector_finds_it_elsewhe
 
 
 QUIET = Bench(shading=0, shot_variance=0, read_noise=0)
-
-
-@pytest.fixture(scope="module")
-def cases():
-    return hostile_stills(Bench(), np.random.default_rng(0))
-
-
-def test_a_still_knows_its_markers():
-    taken = still(Rotation.from_euler("Y", 180, degrees=True), Bench(), np.random.default_rng(0))
-    assert taken.image.shape == (320, 320)
-    assert taken.image.dtype == np.uint8
-    # from 57 mm off the axis
-    assert taken.slants_deg == pytest.approx(np.repeat([0.0, 60.5], [2, 4]), abs=1.1)
-    found = find_markers(taken.image, 12).uv
-    # of the steep ones
-    assert np.linalg.norm(found[:, None] - taken.uv, axis=2).min(axis=0).max() < 1.5
-
-
-def test_the_last_threshold_alone_loses_what_all_find(cases):
-    counts = {name: len(last_threshold_alone(case.image, 12, 1.5)) for name, case in cases.items()}
-    assert counts["standard scene"] >= 6
-    assert counts["bridges"] == 0
-    assert len(find_markers(cases["bridges"].image, 12).uv) == 8
 
 
 def test_the_bias_is_inwards_and_grows():

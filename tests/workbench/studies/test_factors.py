@@ -55,13 +55,6 @@ def test_speed_and_turn_rate_are_what_they_say_in_many_directions(setup):
         assert np.linalg.norm(vectors.mean(axis=0)) < 0.5 * np.linalg.norm(vectors[0])
 
 
-def test_marker_size_changes_nothing_else(setup):
-    changed = FACTORS["marker_size"].change(setup, 2.0)
-    assert changed.handle.marker_diameter_mm == 2.0
-    np.testing.assert_array_equal(changed.handle.marker_centres, setup.handle.marker_centres)
-    assert changed._replace(handle=setup.handle) == setup
-
-
 # --- the shipped tables
 
 

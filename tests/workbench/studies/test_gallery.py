@@ -73,7 +73,6 @@ def test_page_has_the_command_and_the_table(name):
 
 
 PAIR = paper_rig()
-BASELINE_MM = float(np.linalg.norm(PAIR.cameras[1].centre - PAIR.cameras[0].centre))
 MIDDLE = load_table1().set_poses.translation.mean(axis=0)
 
 
@@ -85,19 +84,13 @@ def angle_deg(rig):
     return np.rad2deg(np.arccos(axis(rig.cameras[0]) @ axis(rig.cameras[1])))
 
 
-# --- the rigs
-
-
 @pytest.mark.parametrize("baseline_mm", [20.0, 75.0, 300.0])
 def test_another_baseline_keeps_the_work_in_the_same_place_of_both_images(baseline_mm):
     moved = with_baseline(PAIR, baseline_mm)
     first, second = moved.cameras
     assert first == PAIR.cameras[0]
-    assert np.linalg.norm(second.centre) == pytest.approx(baseline_mm)
-    assert (
-        np.linalg.norm(np.cross(second.centre, PAIR.cameras[1].centre))
-        < 1e-9 * baseline_mm * BASELINE_MM
-    )
+    way = PAIR.cameras[1].centre / np.linalg.norm(PAIR.cameras[1].centre)
+    np.testing.assert_allclose(second.centre, baseline_mm * way, atol=1e-9)
     np.testing.assert_allclose(
         second.project([MIDDLE]), PAIR.cameras[1].project([MIDDLE]), rtol=0, atol=1e-6
     )
@@ -107,12 +100,10 @@ def test_another_baseline_keeps_the_work_in_the_same_place_of_both_images(baseli
 def test_another_vergence_turns_both_cameras_alike_where_they_stand(vergence_deg):
     turned = with_vergence(PAIR, vergence_deg)
     assert angle_deg(turned) == pytest.approx(vergence_deg, abs=1e-5)
-    shares = [
-        np.arccos(np.clip(axis(a) @ axis(b), -1, 1))
-        for a, b in zip(PAIR.cameras, turned.cameras, strict=True)
-    ]
-    assert shares[0] == pytest.approx(shares[1], abs=1e-9)
-    for before, after in zip(PAIR.cameras, turned.cameras, strict=True):
+    pairs = list(zip(PAIR.cameras, turned.cameras, strict=True))
+    first, second = (axis(before) @ axis(after) for before, after in pairs)
+    assert first == pytest.approx(second, abs=1e-12)  # cosines
+    for before, after in pairs:
         np.testing.assert_allclose(after.centre, before.centre, atol=1e-12)
 
 
@@ -120,8 +111,6 @@ def test_another_vergence_turns_both_cameras_alike_where_they_stand(vergence_deg
     ("change", "value", "named"),
     [
         (with_baseline, 0.0, "baseline_mm"),
-        (with_baseline, np.nan, "baseline_mm"),
-        (with_vergence, -1.0, "vergence_deg"),
         (with_vergence, 91.0, "vergence_deg"),
     ],
 )
@@ -130,29 +119,16 @@ def test_a_rig_that_cannot_be_is_refused(change, value, named):
         change(PAIR, value)
 
 
-# --- accuracy
-
-
-# --- pixels
-
-
-def clip(frames):
+def test_a_step_of_the_light_is_false_as_printed_and_cured(monkeypatch):
     """A bright square on an empty scene: inside and outside without a seam."""
     inside = np.zeros((40, 60), bool)
     inside[10:20, 10:30] = True
-    images = list(np.array(frames, np.uint8))
-    return (
-        images,
-        np.full((40, 60), 50, np.uint8),
-        [Regions(inside, ~inside)] * len(frames),
-    ), inside
-
-
-def test_a_step_of_the_light_is_false_as_printed_and_cured(monkeypatch):
-    frames, inside = np.full((4, 40, 60), 50), clip([np.zeros((40, 60))])[1]
+    frames = np.full((4, 40, 60), 50, np.uint8)
+    empty = frames[0].copy()
     frames[2:] += 30  # all of it is brighter from the third frame on
     frames[:, inside] += 100
-    monkeypatch.setattr(gallery, "hard_light", lambda: clip(frames)[0])
+    clip = list(frames), empty, [Regions(inside, ~inside)] * 4
+    monkeypatch.setattr(gallery, "hard_light", lambda: clip)
     found = background_pixels(update_rate=0.01, difference_threshold=15.0)
     assert found["false_percent_printed"] == pytest.approx(50.0)
     assert found["false_percent_cured"] == pytest.approx(0.0)

@@ -31,13 +31,10 @@ def discs(*middles, size=SIZE):
     image = np.full((size[1], size[0]), 45.0)
     for middle in middles:
         for u, v in PATTERN + middle:
-            cv2.circle(
-                image, (round(16 * u), round(16 * v)), 16 * 15 // 2, 220.0, -1, cv2.LINE_AA, 4
-            )
-    noisy = cv2.GaussianBlur(image, (0, 0), 0.7) + np.random.default_rng(0).normal(
-        0, 2, image.shape
-    )
-    return np.clip(noisy, 0, 255).astype(np.uint8)
+            centre = round(16 * u), round(16 * v)
+            cv2.circle(image, centre, 16 * 15 // 2, 220.0, -1, cv2.LINE_AA, 4)
+    noise = np.random.default_rng(0).normal(0, 2, image.shape)
+    return np.clip(cv2.GaussianBlur(image, (0, 0), 0.7) + noise, 0, 255).astype(np.uint8)
 
 
 def middle(t):

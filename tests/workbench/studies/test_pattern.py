@@ -122,18 +122,6 @@ def test_p_counts_both_sides_and_the_observed_table_itself():
     assert (compare(errors, TRUTHS, middle)["p"] == 1.0).all()
 
 
-def test_table_1_against_noise(noise):
-    """Chapter 9's finding: offsets, and no growth near the gimbal lock, are not what noise
-    makes.
-    """
-    tables = first_order(drawn(noise, 9999, np.random.default_rng(0)), TRUTHS)
-    found = compare(tables, TRUTHS, OBSERVED).set_index("statistic")
-    assert found.loc["growth_alpha", "p"] < 0.01
-    assert found.loc["growth_gamma", "p"] < 0.05
-    assert (found.loc[["offset_alpha", "offset_beta", "offset_gamma"], "p"] <= 2e-4).all()
-    assert found.loc["depth", "p"] > 0.1
-
-
 def test_holm_by_hand():
     # sorted: 4 x 0.005, 3 x 0.01, 2 x 0.03, 1 x 0.04, none below the one before
     np.testing.assert_allclose(holm([0.01, 0.04, 0.03, 0.005]), [0.03, 0.06, 0.06, 0.02])

@@ -8,7 +8,6 @@ import pytest
 from trinolab.datasets import data_path
 from workbench.studies import ranges
 from workbench.studies.protocol import load_claims, load_trials
-from workbench.studies.scoreboard import drawn_results
 
 CLAIMS = {claim.no: claim for claim in load_claims()}
 FRONT = [no for no, claim in CLAIMS.items() if claim.question is not None]
@@ -80,12 +79,3 @@ def test_a_difference_of_the_table_is_added_interval_to_interval():
     assert four.low == pytest.approx(0.44 + line.low)
     assert four.high == pytest.approx(0.48 + line.high)
     assert len(rows) == TABLE[TABLE["claim"] == "6b"]["difference"].notna().sum()
-
-
-def test_what_is_run_is_in_the_results_and_the_rest_is_named():
-    """A range that its trial does not draw yet is listed as not run, and no other is missing."""
-    results = drawn_results()
-    draws = pd.read_csv(data_path("claims_draws.csv"))
-    for one in ranges.load_ranges():
-        drawn = set(draws[draws["trial"] == one.trial]["check"])
-        assert set(one.checks.values()) & drawn == set(one.checks.values()) & set(results)

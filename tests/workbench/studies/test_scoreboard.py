@@ -12,7 +12,7 @@ import pytest
 from executed import whole_scoreboard
 
 from trinolab.datasets import data_path, load_calibration, real_set
-from workbench.cli import QUESTION_WIDTH, as_text, essential, main, not_run
+from workbench.cli import main, not_run
 from workbench.studies import scoreboard as module
 from workbench.studies.protocol import load_trials
 from workbench.studies.scoreboard import CHECKS, COLUMNS, disagreements, load_claims, scoreboard
@@ -188,17 +188,6 @@ def test_a_tampered_ledger_is_found(monkeypatch, no, declared, value, computed):
     assert disagreements(board) == [no]
     row = board.set_index("no").loc[no]
     assert (row.verdict, row.reason) == (computed, f"The ledger declares '{declared}'.")
-
-
-@pytest.mark.usefixtures("cheap")
-def test_the_essential_board_has_a_line_a_question_with_all_its_rows():
-    board = scoreboard()
-    lines = as_text(essential(board), QUESTION_WIDTH).splitlines()
-    assert lines[0].split() == ["no", "claim", "paper", "ours", "unit", "verdict"]
-    assert len(lines) == 16
-    (line,) = [one for one in lines if one.strip().startswith("17, 17a")]
-    rows = board.set_index("no").loc[["17", "17a"]]
-    assert line.rstrip().endswith(", ".join(rows["verdict"]))
 
 
 @pytest.mark.usefixtures("cheap")

@@ -77,14 +77,6 @@ def test_the_tables_of_a_script_are_carried(tmp_path, monkeypatch, study, option
     assert by_name == {**KEPT, **named}
 
 
-def test_the_trials_are_given_both_tables_as_they_are(tmp_path, asked):
-    arguments = asked("claims", (FOUND, FOUND))
-    assert main(["claims", "clip", "slave", "--out", str(tmp_path), "--kept", "k"]) == 0
-    before = [tmp_path / f"claims_{what}.csv" for what in ("results", "draws")]
-    assert arguments == [{"before": before, "kept": Path("k"), "names": ["clip", "slave"]}]
-    assert all(path.exists() for path in before)
-
-
 @pytest.mark.parametrize("study", [name for name in STUDIES if name != "tuning"])
 def test_a_folder_that_is_missing_is_refused_before_the_study_begins(tmp_path, capsys, study):
     """Each of these would take minutes."""

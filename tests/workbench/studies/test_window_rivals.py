@@ -1,7 +1,6 @@
 """Rules for the next window on targets whose way is known, counted by hand."""
 
 import numpy as np
-import pytest
 
 from trinolab.kalman import KalmanParameters
 from trinolab.window import Window
@@ -65,22 +64,3 @@ def test_a_margin_follows_the_last_ten_misses_of_its_camera():
     assert margins == [8.0] * 3 + [36.0] * 11 + [8.0] * (len(found) - 14)
     other = [guess._replace(block=("calm", 1, 0)) for guess in found]
     assert window_rivals.margins_by_last_misses([*found, *other]) == margins * 2
-
-
-def test_the_margin_comes_from_the_other_recording():
-    recordings = {
-        "calm": [seen("calm", [0, 10, 20, 25] * 9)],
-        "hard": [seen("hard", [0, 30, 60] * 9)],
-    }
-    tried = window_rivals.rules_with_margins(recordings, SETTINGS)
-    assert {margin for _, margin in tried["last place, in hindsight"]["calm"]} == {25.0}
-    assert {margin for _, margin in tried["last place, from the other"]["calm"]} == {60.0}
-    for name, pairs in tried["last place, in hindsight"].items():
-        area, interval, kept = window_rivals.area_and_kept(pairs)
-        assert kept == window_rivals.held(pairs) == len(pairs), name
-        assert interval.low <= area <= interval.high
-    first, second = tried["last place, from the other"], tried["last place, in hindsight"]
-    factor, low, high = window_rivals.area_by({"calm": first["calm"]}, {"calm": second["calm"]})
-    areas = [window_rivals.area_and_kept(one["calm"])[0] for one in (first, second)]
-    assert factor == pytest.approx(areas[0] / areas[1])
-    assert 1 < low <= factor <= high
