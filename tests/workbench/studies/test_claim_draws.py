@@ -84,12 +84,3 @@ def test_a_bend_is_a_parabola_along_the_rows():
     np.testing.assert_allclose(height[:, 2], 0.02 * 0.75)  # half-way: 1 - 1/4
     np.testing.assert_array_equal(points[:, :2], np.array(board.points)[:, :2])
     np.testing.assert_array_equal(bent(board, 0.0), board.points)
-
-
-# --- the mean over the pairs
-
-
-# --- clips
-
-
-# --- the slave's arm

@@ -90,7 +90,7 @@ def test_intervals_of_shares_hold_what_they_say():
     assert 0.90 <= held / 200 <= 0.99
 
 
-@pytest.mark.parametrize("distance_mm", [0.0, 8.0, 20.0])
+@pytest.mark.parametrize("distance_mm", [1e-6, 8.0, 20.0])
 def test_power_is_that_of_the_noncentral_f(distance_mm):
     columns_mm = lever_field(TURNS, TRUTHS.rotation)
     others, own = flat(FIELD), flat(columns_mm[:, :, 1:2])

@@ -110,11 +110,8 @@ def test_a_table_of_the_model_itself_is_nothing_unusual(noise):
 
 
 def test_p_counts_both_sides_and_the_observed_table_itself():
-    errors = Errors(
-        np.random.default_rng(0).standard_normal((99, 20, 3)),
-        np.random.default_rng(1).standard_normal((99, 20, 3)),
-        np.zeros((99, 20, 3)),
-    )
+    white = np.random.default_rng(0).standard_normal((2, 99, 20, 3))
+    errors = Errors(*white, np.zeros((99, 20, 3)))
     extreme = np.full(len(STATISTICS), 1e6)
     extreme[0] = 0.0
     np.testing.assert_allclose(compare(errors, TRUTHS, extreme)["p"], 2 / 100)

@@ -36,9 +36,6 @@ def claim(no):
     return next(c for c in CLAIMS if c.no == no)
 
 
-DRAWN = [c for c in CLAIMS if c.trial]
-
-
 def as_declared(check):
     """A number that earns the declared verdict of every claim that the check serves."""
     claims = [c for c in CLAIMS if c.check == check]
