@@ -47,12 +47,6 @@ def test_independent_errors_have_the_shares_that_counting_gives():
     assert np.abs(found.mean(axis=0) - expected).max() < 4 * found.std(axis=0).max() / np.sqrt(500)
 
 
-def test_table_1_has_the_pattern_of_independent_errors():
-    table = load_table1()
-    errors = table.measured.translation - table.set_poses.translation
-    assert pattern(table.set_poses.translation, errors) == pytest.approx((0.043, 0.153), abs=5e-4)
-
-
 # --- what a draw and a level give
 
 

@@ -42,7 +42,7 @@ def test_pairs_of_the_first_draw_are_among_those_counted():
 
 @pytest.mark.heavy
 def test_an_assumption_is_replaced_again():
-    """The printed R_rl is used as it is: by all draws of its poses."""
+    """The pair measures with R_rl as printed: all draws of its poses."""
     study = script("sensitivity")
     number, case = next(one for one in enumerate(study.CASES, 1) if one[1].assumption == "A4")
     poses = range(20)
@@ -51,8 +51,9 @@ def test_an_assumption_is_replaced_again():
         for k in (0, number)
     )
     table = pd.read_csv(data_path("sensitivity.csv"))
-    rows = table[(table["assumption"] == case.assumption) & (table["instead"] == case.instead)]
-    assert tuple(rows["number"]) == tuple(study.NUMBERS)
+    table = table[(table["assumption"] == case.assumption) & (table["instead"] == case.instead)]
+    rows = table[~table["number"].str.endswith("best")]  # of three cameras, which do not change
+    assert len(rows) == 7
     for row in rows.itertuples():
         means = (study.by_pose(numbers, row.number, len(poses)) for numbers in (before, after))
         stored = [row.as_assumed, row.changed, row.difference, row.low, row.high, row.n]

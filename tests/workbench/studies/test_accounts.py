@@ -10,13 +10,14 @@ from scipy.spatial.transform import RigidTransform, Rotation
 from trinolab.datasets import load_table1
 from trinolab.metrics import euler_deg, pose_from_euler_deg
 from workbench.studies.accounts import (
+    clamped_anew,
     clamping,
     columns,
     f_test,
     fit_constants,
     sigma_interval,
 )
-from workbench.studies.deviations import exact
+from workbench.studies.deviations import drawn, exact, first_order
 
 TABLE = load_table1()
 TRUTHS = TABLE.set_poses
@@ -83,6 +84,15 @@ def test_f_of_one_constant_is_the_square_of_its_t():
     assert p == pytest.approx(2 * stats.t.sf(abs(t), 53), rel=1e-9)
 
 
+def test_f_of_several_constants_is_that_of_the_squares_that_are_left():
+    three = columns(TRUTHS, ["angles"])
+    seven = np.concatenate([BOTH, three[:, :, 1:2]], axis=2)
+    rest = [np.linalg.lstsq(A.reshape(60, -1), TURNS.reshape(60))[1].item() for A in (three, seven)]
+    F, p = f_test(fit_constants(TURNS, three), fit_constants(TURNS, seven))
+    assert pytest.approx((rest[0] - rest[1]) / 4 / (rest[1] / 53)) == F
+    assert p == pytest.approx(stats.f.sf(F, 4, 53))
+
+
 def test_interval_of_a_standard_deviation_by_the_table():
     # chi square with 9 degrees of freedom: 2.700 and 19.023
     found = sigma_interval(9.0, 9)
@@ -97,3 +107,13 @@ def test_numbers_of_the_clamp():
     variances = ERRORS.angles_deg[0].var(axis=0, ddof=1)
     assert found.repeat_deg.value == pytest.approx(np.sqrt(variances.mean()))
     assert found.place_mm.value == pytest.approx(0.19065, abs=1e-4)
+
+
+def test_the_clamps_tables_are_like_table_1():
+    tables = drawn(clamped_anew(ERRORS, TRUTHS), 6000, np.random.default_rng(0))
+    positions, angles, _ = first_order(tables, TRUTHS)
+    np.testing.assert_allclose(angles.mean(axis=(0, 1)), [0.71, 0.52, 0.64], atol=0.005)
+    # scatter, and what is not known of the mean
+    sigma = clamping(ERRORS, TRUTHS).repeat_deg.value * np.sqrt(1 + 1 / 20)
+    np.testing.assert_allclose(angles.std(axis=(0, 1)), sigma, rtol=0.02)
+    np.testing.assert_allclose(positions.std(axis=(0, 1)), 0.1907, rtol=0.02)

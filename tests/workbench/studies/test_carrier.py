@@ -5,6 +5,7 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
+from workbench.studies import carrier
 from workbench.studies.carrier import Table, make_tables, results_of
 
 DONE = []
@@ -112,3 +113,10 @@ def test_some_tables_are_made_and_an_unknown_one_is_refused(tmp_path):
     assert not (tmp_path / "scatter.csv").exists()
     with pytest.raises(ValueError, match="name: expected one of scatter, powers, got 'colour'"):
         make_tables([SCATTER, POWERS], tmp_path, tmp_path / "kept", ["colour"])
+
+
+def test_runs_of_a_sweep_that_fail_are_counted():
+    with pytest.raises(
+        ValueError, match="powers: 1 of 2 runs failed; the first: ZeroDivisionError"
+    ):
+        carrier.all_runs("powers", power, {"base": [0, 2], "exponent": [-1]}, None, 1)

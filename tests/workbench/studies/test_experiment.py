@@ -18,10 +18,6 @@ def test_power_against_drawn_variances():
     assert power_of_ratio(2.0, 30, 54) == pytest.approx(found.mean(), abs=0.01)
 
 
-def test_equal_variances_are_found_unequal_at_the_level():
-    assert power_of_ratio(1.0, 10, 20, 0.05) == pytest.approx(0.05)
-
-
 def test_the_fewest_reach_the_power_and_one_less_does_not():
     def power(n):
         return power_of_ratio(3.0, n - 1, 40)

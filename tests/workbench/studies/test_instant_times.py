@@ -91,15 +91,6 @@ def test_a_film_has_times_errors_share_and_nees_with_intervals():
     assert both["n"] == 120
 
 
-def test_an_interval_counts_the_draws_of_an_instant_as_one():
-    """Draws that are alike tell nothing new."""
-    one = instants(draws=1)
-    again = pd.concat([one.assign(draw=draw) for draw in range(5)])
-    first, fifth = (film_rows(table).iloc[0] for table in (one, again))
-    for name in ("mean_mm_low", "mean_mm_high", "ratio_median_low", "nees_high"):
-        assert first[name] == fifth[name]
-
-
 def test_the_shipped_tables_are_those_of_the_films():
     table = load_sweep("instant_times")
     wanted = [(*film[:3], frame) for film in IN_CHAPTER for frame in range(film.instants)]

@@ -84,5 +84,4 @@ def test_the_bound_holds_the_truth_as_often_as_it_says():
     held = np.mean([one.at_most >= 0.5 for one in found])
     assert held == pytest.approx(0.95, abs=0.03)
     of_images = isotropy.power(POSITIONS, OF_POINTS, 1.0, 500, np.random.default_rng(2))
-    assert np.mean([one.at_most for one in of_images]) > 0.9
     assert np.mean([one.refused > 0 for one in of_images]) < 0.01

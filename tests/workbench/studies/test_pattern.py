@@ -24,6 +24,7 @@ from workbench.studies.pattern import (
     holm,
     largest_size,
     p_values,
+    pattern_table,
     rigid_field,
     scaled,
     smooth_share,
@@ -152,3 +153,18 @@ def test_the_largest_size_is_refused_in_one_of_twenty(trial):
             below.append((smooth_share(PLACES, some) <= OBSERVED[-1]).mean())
         assert below[0] == pytest.approx(0.05, abs=0.025)  # 1,000 tables: 0.007
         assert below[1] < below[0] - 0.01
+
+
+def test_a_cause_that_is_not_smooth_may_be_all(trial):
+    size, share = largest_size(platform(trial, 0.1), platform(trial, 0.1), TRUTHS, TABLE_MM)
+    assert share == 1.0
+    assert size == pytest.approx(0.1908 * np.sqrt(3), rel=0.01)  # a uniform one of that sigma
+
+
+def test_fitted_statistics_are_not_tested(noise):
+    names = ["offset_alpha", "depth"]
+    table = pattern_table([(noise, names)], TRUTHS, OBSERVED, 199).set_index("statistic")
+    assert set(table.index[table["fitted"]]) == set(names)
+    assert table.loc[names, "p_holm"].isna().all()
+    tested = table[~table["fitted"]]
+    np.testing.assert_allclose(tested["p_holm"], holm(tested["p"]))

@@ -31,11 +31,6 @@ def test_last_place_misses_by_a_step_and_last_step_by_its_change():
     assert misses(target, "last step", gap=2) == [5]
 
 
-def test_a_hidden_target_is_not_asked_for():
-    assert misses(seen("calm", [0, 10, None, 30, 40, 50]), "last place") == [10]
-    assert misses(seen("calm", [None] * 4), "filter") == []
-
-
 def test_the_filter_follows_even_steps_and_its_margin_grows_in_a_gap():
     target = seen("calm", list(range(0, 120, 8)))
     assert max(misses(target, "filter")[5:]) <= 1  # px, of rounding
