@@ -84,7 +84,6 @@ def test_every_trial_is_drawn_and_used():
         ("15", 0.02, 0.03, "differs"),
         ("5", 0.24, 0.38, "match"),
         ("5", 0.06, 0.08, "differs"),
-        ("5", 0.2, 0.3, "undecided"),
         ("5a", 0.06, 0.08, "met"),
         ("5a", 0.16, 0.18, "missed"),
         ("16", 0.01, 0.02, "cannot be tested"),
