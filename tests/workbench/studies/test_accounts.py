@@ -15,6 +15,7 @@ from workbench.studies.accounts import (
     columns,
     f_test,
     fit_constants,
+    misaligned,
     sigma_interval,
 )
 from workbench.studies.deviations import drawn, exact, first_order
@@ -117,3 +118,12 @@ def test_the_clamps_tables_are_like_table_1():
     sigma = clamping(ERRORS, TRUTHS).repeat_deg.value * np.sqrt(1 + 1 / 20)
     np.testing.assert_allclose(angles.std(axis=(0, 1)), sigma, rtol=0.02)
     np.testing.assert_allclose(positions.std(axis=(0, 1)), 0.1907, rtol=0.02)
+
+
+def test_misaligned_tables_have_the_fitted_constants():
+    fit = fit_constants(TURNS, BOTH)
+    tables = drawn(misaligned(ERRORS, TRUTHS), 6000, np.random.default_rng(0))
+    again = np.linalg.lstsq(BOTH.reshape(60, 6), tables[..., 3:].reshape(6000, 60).T)[0]
+    np.testing.assert_allclose(again.mean(axis=1), fit.values_deg, atol=0.01)
+    # drawn twice: what is not known of the fit, and the scatter of a table
+    np.testing.assert_allclose(np.cov(again), 2 * fit.covariance, rtol=0.15, atol=1e-3)

@@ -5,12 +5,12 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.calibration.target import Board
-from trinolab.datasets import load_handle, load_rig, load_table1
+from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import slants
 from trinolab.measurement import Measurement
 from trinolab.pose import LOST, Pose
 from trinolab.window import Window
-from workbench.studies import claim_draws, claim_trials
+from workbench.studies import claim_trials
 from workbench.studies.simulated_calibration import bent
 
 PAPER = load_handle("paper")
@@ -59,17 +59,6 @@ def test_a_window_that_leaves_out_a_marker_is_the_whole_image():
     width, height = np.ptp(uv, axis=0).astype(int) + 5
     share = claim_trials.share_of_image(Window(u, v, width, height), camera, PAPER, T)
     assert share == pytest.approx(width * height / np.prod(camera.size))
-
-
-# --- the draws' own arithmetic, without an image
-
-
-def test_a_lost_pose_has_no_error_and_a_measured_one_its_own():
-    truth = load_table1().set_poses[3]
-    off = RigidTransform.from_translation([0.0, 0.3, 0.4]) * truth * PAPER.symmetries[1]
-    found = claim_draws.errors_of(measured(off), truth, PAPER)
-    assert (found.E_t_mm, found.n) == (pytest.approx(0.5), 1)
-    assert claim_draws.errors_of(measured(None), truth, PAPER) is None
 
 
 # --- calibrations
