@@ -1,4 +1,4 @@
-"""What a calibration that is off costs: drawn rigs, patterns, the shipped table, and its theory."""
+"""What a calibration that is off costs: patterns of errors, the shipped table, and its theory."""
 
 import numpy as np
 import pandas as pd

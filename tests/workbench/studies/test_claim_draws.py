@@ -1,4 +1,4 @@
-"""The trials: what counts as close, as a wrong match, as saved; the trials themselves run small."""
+"""What the trials count: what is close, which marker a spot is, how much of an image is searched."""
 
 import numpy as np
 import pytest

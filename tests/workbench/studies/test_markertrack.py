@@ -1,6 +1,4 @@
-"""The loop of prediction, window, markers and correction: on drawn discs whose places are known,
-and on a recording.
-"""
+"""The loop of prediction, window, markers and correction, on drawn discs whose places are known."""
 
 from dataclasses import replace
 
