@@ -359,12 +359,12 @@ def _squares_of_stated(rig_name: str, handle_name: str, seed: int) -> dict[str, 
     rig = stated(load_rig(rig_name))
     handle = replace(load_handle(handle_name), placement_sigma_mm=PLACEMENT_MM)
     found = honesty(rig, handle, INSTANTS, np.random.default_rng(seed))
-    return {f"{name}, squared": value for name, value in found._asdict().items()}
+    return {f"rms {name}": value for name, value in found._asdict().items()}
 
 
 def _with_interval(values: pd.Series) -> str:
-    """The mean over the draws, or the root of that of squares."""
-    mean = _root_mean if str(values.name).endswith("squared") else np.mean
+    """The mean over the draws, or the root of that of the squares that `Honesty` has."""
+    mean = _root_mean if str(values.name).startswith("rms") else np.mean
     low, high, _ = by_bootstrap(values.to_numpy(), mean)
     return f"{mean(values):.4f} [{low:.4f} {high:.4f}]"
 
