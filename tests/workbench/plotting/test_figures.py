@@ -294,15 +294,6 @@ def test_the_section_has_the_marker_on_the_rod_and_its_image_below():
     assert marker[:, 0].min() < centroid[0] < middle[0] < marker[:, 0].max()
 
 
-def test_factor_with_counts_and_equal_ratios():
-    x = [2.0**k for k in range(10)]
-    panels = {"n": {"kept": [20] * 9 + [0]}, "E_t": {"E_t": np.geomspace(1e-3, 10, 10)}}
-    counts, errors = plot_factor(x, panels, "noise", 4.0, "log", ["n"], "here").axes
-    assert (counts.get_yscale(), errors.get_yscale()) == ("linear", "log")
-    assert counts.get_ylim()[0] == 0 < 20 < counts.get_ylim()[1]
-    assert [tick.get_text() for tick in errors.get_xticklabels()] == ["1", "4", "16", "64", "256"]
-
-
 def test_image_with_markers():
     image = np.zeros((30, 50), dtype=np.uint8)  # not square
     ax = show_image(image, [[10.0, 20.0], [np.nan, np.nan], [49.0, 29.0]], labels=["a", "b", "c"])

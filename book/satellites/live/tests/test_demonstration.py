@@ -76,14 +76,6 @@ def test_the_task_is_seen_in_ten_seconds_and_each_target_is_hit(tmp_path, frame_
     assert 3.0 < line.t_s - begin_s < 6.0
 
 
-@pytest.mark.parametrize("scale", [0.5, 2.0])
-def test_the_player_knows_the_scale(tmp_path, scale):
-    line = Line(tmp_path / "log.csv", scale)
-    while len(line.done) < 2:
-        line.round()
-        assert line.t_s < 15.0
-
-
 def test_what_holds_is_let_go_and_the_way_goes_on(tmp_path):
     line = Line(tmp_path / "log.csv")
     while (task := line.round()) is None or task.what != TARGET:

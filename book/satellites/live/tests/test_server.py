@@ -1,10 +1,10 @@
 """The live page's server, without a browser: who gets in, who is in charge, and what is sent when."""
 
-import asyncio
 import http.client
 import re
 import socket
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, nullcontext
 from threading import Event
 from types import SimpleNamespace
@@ -301,15 +301,18 @@ class Gone(nullcontext):
 
 
 @pytest.fixture
-def threads_as_before():
+def run_live(tmp_path):
+    """The command in a thread, since that of the tests may have a loop of the browser's; what it sets
+    for the process is put back.
+    """
     threads, switch_s = cv2.getNumThreads(), sys.getswitchinterval()
-    yield
+    with ThreadPoolExecutor(1) as pool:
+        yield lambda *given, **more: pool.submit(command.live, *given, **more).result(600)
     cv2.setNumThreads(threads)
     sys.setswitchinterval(switch_s)
 
 
-@pytest.mark.usefixtures("threads_as_before")
-def test_a_loop_that_fails_ends_the_command_with_its_words(tmp_path):
+def test_a_loop_that_fails_ends_the_command_with_its_words(run_live, tmp_path):
     opened = Event()
     addresses = []
 
@@ -318,13 +321,14 @@ def test_a_loop_that_fails_ends_the_command_with_its_words(tmp_path):
         opened.set()
 
     with pytest.raises(ValueError, match=r"^the bench is gone$"):
-        command.live(Gone(opened), tmp_path, on_open=on_open)
+        run_live(Gone(opened), tmp_path, on_open=on_open)
     assert re.fullmatch(r"http://127\.0\.0\.1:\d+/[\w-]{22}/", addresses[0])
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.usefixtures("threads_as_before")
-def test_a_loop_that_has_failed_before_the_page_is_open_ends_the_command_too(tmp_path, monkeypatch):
+def test_a_loop_that_has_failed_before_the_page_is_open_ends_the_command_too(
+    run_live, tmp_path, monkeypatch
+):
     at_once, ended = Event(), Event()
     at_once.set()
     run, bind_sockets = Loop.run_loop, server.bind_sockets
@@ -339,9 +343,5 @@ def test_a_loop_that_has_failed_before_the_page_is_open_ends_the_command_too(tmp
 
     monkeypatch.setattr(Loop, "run_loop", run_and_say)
     monkeypatch.setattr(server, "bind_sockets", bind_late)
-
-    def give_up(_):
-        asyncio.get_running_loop().call_later(60, asyncio.current_task().cancel)
-
     with pytest.raises(ValueError, match=r"^the bench is gone$"):
-        command.live(Gone(at_once), tmp_path, on_open=give_up)
+        run_live(Gone(at_once), tmp_path, on_open=lambda address: None)
