@@ -28,6 +28,15 @@ def live(tmp_path_factory):
         yield live
 
 
+@pytest.fixture
+def tab(live):
+    """A page that has seen a frame."""
+    tab = Tab(live.address)
+    tab.until(lambda said: "number" in said)
+    yield tab
+    tab.close()
+
+
 def asked(live, path, **headers):
     """Status and text of what the server answers."""
     host = live.address.split("/")[2]
@@ -114,34 +123,30 @@ def test_two_frames_are_under_way_at_most_and_what_is_sent_is_the_present(live):
     live.seen(lambda now: not now.clutch)
 
 
-def test_a_second_tab_is_told_so_and_may_take_over(live):
-    first = Tab(live.address)
-    first.until(lambda said: "scene" in said)
-    first.say(clutch=True)
-    first.until(lambda said: said.get("clutch"))
+def test_a_second_tab_is_told_so_and_may_take_over(live, tab):
+    tab.say(clutch=True)
+    tab.until(lambda said: said.get("clutch"))
     second = Tab(live.address)
     assert "another tab" in second.hear()["busy"]
     second.say(clutch=False, set=["scale", 3])  # is not in charge
-    first.until(lambda said: "number" in said)
-    assert first.until(lambda said: "number" in said)["clutch"]
+    tab.until(lambda said: "number" in said)
+    assert tab.until(lambda said: "number" in said)["clutch"]
     second.say(take=True)
-    assert "taken over" in first.until(lambda said: "busy" in said)["busy"]
+    assert "taken over" in tab.until(lambda said: "busy" in said)["busy"]
     now = second.until(lambda said: "number" in said and not said["clutch"])
     assert now["values"]["scale"] == 1.0
     assert any("taken over" in words for words in now["notes"])
-    first.close()
+    tab.close()
     assert second.until(lambda said: "number" in said)
     second.close()
 
 
-def test_a_page_that_is_gone_opens_the_clutch(live):
-    tab = Tab(live.address)
+def test_a_page_that_is_gone_opens_the_clutch(live, tab):
     tab.say(clutch=True)
     tab.until(lambda said: said.get("clutch"))
     tab.close()
-    now = live.seen(lambda now: not now.clutch)
+    assert not live.seen(lambda now: not now.clutch).moment.state.held
     live.seen(lambda now: any("page is gone" in words for words in now.notes))
-    assert not now.moment.state.held
 
 
 NONSENSE = [
@@ -163,25 +168,19 @@ NONSENSE = [
 
 
 @pytest.mark.parametrize("text", NONSENSE)
-def test_nonsense_is_refused_and_changes_nothing(live, text):
-    tab = Tab(live.address)
-    tab.until(lambda said: "number" in said)
+def test_nonsense_is_refused_and_changes_nothing(live, tab, text):
     before = live.loop.newest.values
     tab.send(text)
     assert tab.until(lambda said: "refused" in said)["refused"].startswith("not understood")
     assert tab.until(lambda said: "number" in said)["values"] == before
-    tab.close()
 
 
 def until_broken(tab):
     with pytest.raises((websocket.WebSocketException, OSError, ValueError)):
         tab.until(lambda said: False)
-    tab.close()
 
 
-def test_too_long_a_word_ends_the_connection_and_not_the_loop(live):
-    tab = Tab(live.address)
-    tab.until(lambda said: "number" in said)
+def test_too_long_a_word_ends_the_connection_and_not_the_loop(live, tab):
     tab.send("x" * 10_000)
     until_broken(tab)
     number = live.loop.newest.number
@@ -272,13 +271,11 @@ def test_what_is_asked_of_another_server_is_answered_with_the_policy(live, line)
     assert "Server:" not in head
 
 
-def test_an_error_that_nobody_expects_is_logged_without_the_token(live, monkeypatch, caplog):
+def test_an_error_that_nobody_expects_is_logged_without_the_token(tab, monkeypatch, caplog):
     def fails(words, desk):
         raise AssertionError(f"{TOKEN} and all that")
 
     monkeypatch.setattr(server, "obey", fails)
-    tab = Tab(live.address)
-    tab.until(lambda said: "number" in said)
     tab.send("{}")
     until_broken(tab)
     wait_until(lambda: "AssertionError: TOKEN and all that" in caplog.text)

@@ -79,21 +79,26 @@ def recording(tmp_path):
     return folder
 
 
-def videos(recording, fps=100.0):
-    """A video of each camera in place of a camera's number."""
-    cameras = {}
+def videos(recording):
+    """A video of each camera, by its name."""
+    paths = {}
     for c, camera in enumerate(RIG.cameras):
-        path = cameras[camera.name] = str(recording / f"{camera.name}.avi")
+        path = paths[camera.name] = str(recording / f"{camera.name}.avi")
         code = cv2.VideoWriter.fourcc(*"MJPG")
-        writer = cv2.VideoWriter(path, code, fps, camera.size, isColor=False)
+        writer = cv2.VideoWriter(path, code, 100.0, camera.size, isColor=False)
         for k in range(3):
             writer.write(HELD[c] // np.uint8(k + 1))
         writer.release()
-    return chosen(cameras, rig=recording / "rig.toml", handle=recording / "handle.toml", fps=fps)
+    return paths
+
+
+def of_videos(recording):
+    files = {"rig": recording / "rig.toml", "handle": recording / "handle.toml"}
+    return chosen(videos(recording), **files, fps=100.0)
 
 
 @pytest.mark.parametrize(
-    "source", [lambda folder: chosen(recording=folder), videos], ids=["recording", "videos"]
+    "source", [lambda folder: chosen(recording=folder), of_videos], ids=["recording", "videos"]
 )
 def test_what_is_recorded_is_played_again_from_its_start(recording, source):
     threads = threading.active_count()
@@ -169,9 +174,9 @@ def test_cameras_that_are_not_the_rigs_are_refused(cameras, message):
 
 def test_a_camera_that_ends_is_said_and_opened_anew(recording):
     """A video in its place, three frames long."""
-    frames_of = videos(recording).feeds[0].latest_frames
+    source = sources.of_cameras(videos(recording), RIG, chosen().handle)
     for _ in range(2):
-        frames = frames_of(threading.Event())
+        frames = source.feeds[0].latest_frames(threading.Event())
         seen = [image.mean() for _, (image,) in islice(frames, 3)]
         # JPEG's losses are below half a grey level in the mean
         np.testing.assert_allclose(
