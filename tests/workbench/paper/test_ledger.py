@@ -6,6 +6,7 @@ import ast
 import importlib
 import re
 import shlex
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -222,6 +223,9 @@ def test_an_erratum_shows_both_forms_and_the_effect():
     page = errata_page([entry for entry in EQUATIONS if entry.no in ("19", "20")], EFFECTS)
     assert "# Eq. 19" not in page
     assert page.count(r"\tag{20}") == page.count(r"\begin{equation*}") == 2
+    assert page.index("As printed:") < page.index("As we use it:")
+    same = replace(EQUATIONS[19], status="as printed", corrected="")  # one form alone
+    assert errata_page([same], EFFECTS).count(r"\begin{equation*}") == 1
     for effect in EFFECTS["20"]:
         assert ledger.effect_item(effect) in page
 
