@@ -72,7 +72,7 @@ def test_what_is_wrong_with_a_printed_page_is_found(browser, tmp_path, body, cou
     page = tmp_path / "page.html"
     page.write_text(f"<!doctype html><title>t</title><body>{body}", encoding="utf-8")
     browser.open(page.as_uri())
-    pdf = browser.page.pdf(format="A4", margin={"right": "0.4in", "left": "0.4in"})
+    pdf = browser.pdf(format="A4", margin={"right": "0.4in", "left": "0.4in"})
     found = printing.faults(printing.Printed("page", "t", count, pdf))
     assert (fault is None) == (found == []), found
     assert fault is None or any(fault in one for one in found), found
