@@ -174,6 +174,8 @@ def test_beyond_the_reach_the_target_stays_and_a_hand_that_turns_round_is_follow
     np.testing.assert_allclose(x[:5], -460, atol=1e-3)
     np.testing.assert_allclose(x[-1], -480, atol=1e-3)
     assert not states[-1].limited
+    other_end = run(steadily([-150, 0, 0], n=60), p)[-1]
+    np.testing.assert_allclose(other_end.target.translation, [-600, -100, 120], atol=1e-3)
 
 
 # --- whatever comes
