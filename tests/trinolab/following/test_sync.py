@@ -156,9 +156,12 @@ def test_tracks_end_at_long_gaps_and_short_ones_are_left_out():
     uv = np.full((30, 2, 2), np.nan)
     # gaps of 0.1 s, which is bridged, and of 0.2 s before three samples
     uv[:10, 0] = uv[12:20, 0] = uv[25:28, 0] = 1.0
+    uv[5:9, 1] = 1.0  # four samples are enough
     tracks = sync.tracks_of(TIMES[:30], uv, gap_s=0.11)
-    assert [(track.marker, track.first, track.last) for track in tracks] == [(0, 0.0, TIMES[19])]
-    assert len(sync.tracks_of(TIMES[:30], uv, gap_s=0.05)) == 2
+    long, four = tracks
+    assert long[:3] == (0, 0.0, TIMES[19])
+    assert four[:3] == (1, TIMES[5], TIMES[8])
+    assert len(sync.tracks_of(TIMES[:30], uv, gap_s=0.05)) == 3
 
 
 def test_pairs_are_joined_by_least_squares():
