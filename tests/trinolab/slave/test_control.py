@@ -90,6 +90,16 @@ def test_through_its_singular_pose_the_error_is_bounded_and_joints_do_not_chatte
     assert flips.mean() < 0.005
 
 
+@pytest.mark.heavy
+def test_at_the_end_of_its_reach_the_arm_stays():
+    q, speed, off, _, tool = follow([at([-700 * min(1, t / 3), 0, 0]) for t in np.arange(150) / 30])
+    check_limits(q, speed)
+    assert off.max() < 5.0
+    assert np.abs(speed[-500:]).max() < 0.05  # the last second
+    assert np.linalg.norm(tool.translation - [0, 0, 89.159]) > 880
+    assert np.rad2deg((tool.rotation * HOME.rotation.inv()).magnitude()) < 2.0
+
+
 def test_a_jump_of_the_command_is_followed_within_the_limits():
     q, speed, off, _, tool = follow([HOME] * 3 + [at([100, 80, 78], [0, 0, np.pi / 3])] * 40)
     check_limits(q, speed)
