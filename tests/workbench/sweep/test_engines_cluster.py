@@ -67,13 +67,6 @@ def here():
         yield local.scheduler_address
 
 
-def identify(seed, folder):
-    """Ends when both workers have begun a run."""
-    (Path(folder) / str(os.getpid())).touch()
-    wait_until(lambda: len(list(Path(folder).iterdir())) == 2)
-    return {"process": os.getpid(), "threads": int(os.environ["OPENBLAS_NUM_THREADS"])}
-
-
 def absolute(x):
     return abs(x)
 
@@ -90,22 +83,6 @@ def is_alive(process):
     except ProcessLookupError:
         return False
     return True
-
-
-@pytest.mark.heavy
-def test_functions_run_on_the_workers(dask, tmp_path):
-    from dask.distributed import Client
-
-    address, processes = dask
-    with Client(address, set_as_default=False) as client:
-        found = sweep(
-            identify, seed=range(20), folder=str(tmp_path), executor=client.get_executor(pure=False)
-        )
-    assert found["seed"].tolist() == list(range(20))
-    assert set(found["error"]) == {""}
-    assert found["status"].tolist() == ["ok"] * 20
-    assert set(found["process"]) == set(processes)
-    assert found["threads"].tolist() == [1] * 20
 
 
 def test_workers_with_other_code_are_refused(here, monkeypatch):

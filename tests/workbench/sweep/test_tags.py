@@ -9,10 +9,10 @@ from pathlib import Path
 import psutil
 import pytest
 from chapterruns import OTHER_PARAMETERS, SMALL
-from chapters import NOTEBOOKS
+from chapters import NOTEBOOKS, is_study
 from makenotebook import glued, make_notebook
 from processes import ended, started, wait_until
-from sweepcases import OWN, reported, write
+from sweepcases import CASES, write
 
 from workbench.browser.sweeps import SWEEPS
 from workbench.sweep import agreement, sweep
@@ -21,16 +21,6 @@ from workbench.sweep.jobs import State, close_kernels, notebook_job, run_tagged,
 from workbench.sweep.notebook import read_notebook, read_parameters
 from workbench.sweep.outcome import LAST_COLUMNS
 
-# name -> cells with tags; of a report first all cells but the last run once, then its first alone
-REPORTED = {
-    f"{name}, {way}": [
-        *(("o" if k == 0 or way == "all once" else "-", cell) for k, cell in enumerate(cells[:-1])),
-        ("-", cells[-1]),
-    ]
-    for name, cells in reported().items()
-    for way in ("all once", "first once")
-}
-CASES = {**OWN, **REPORTED}
 QUICK = [
     "append, then once",
     "figure draws a random number",
@@ -74,7 +64,7 @@ def check(tmp_path, cells):
 
 @pytest.mark.parametrize("name", QUICK)
 def test_a_case_gives_the_whole_table_or_an_error(tmp_path, name):
-    check(tmp_path, OWN[name])
+    check(tmp_path, CASES[name])
 
 
 @pytest.mark.heavy
@@ -85,14 +75,6 @@ def test_every_case_gives_the_whole_table_or_an_error(tmp_path, name):
             sweep(write(tmp_path / "n.ipynb", CASES[name]), x=[1, 2], progress=False)
         return
     check(tmp_path, CASES[name])
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("name", [name for name in reported()])
-def test_a_reported_case_without_tags_runs_whole(tmp_path, name):
-    path = write(tmp_path / "n.ipynb", [("-", cell) for cell in reported()[name]])
-    table = sweep(path, x=[1, 2], progress=False)
-    assert results(table) == results(sweep(path, x=[1, 2], progress=False, whole=True))
 
 
 @pytest.mark.parametrize(
@@ -115,7 +97,7 @@ def test_a_reported_case_without_tags_runs_whole(tmp_path, name):
     ],
 )
 def test_tags_that_names_contradict_are_refused_with_both(tmp_path, name, line):
-    notebook = read_notebook(write(tmp_path / "n.ipynb", OWN[name]))
+    notebook = read_notebook(write(tmp_path / "n.ipynb", CASES[name]))
     if line is None:
         assert plan_cells(notebook, ["x"]) is not None
     else:
@@ -123,8 +105,10 @@ def test_tags_that_names_contradict_are_refused_with_both(tmp_path, name, line):
             plan_cells(notebook, ["x"])
 
 
-def test_a_cell_with_two_tags_is_refused(tmp_path):
-    notebook = read_notebook(write(tmp_path / "n.ipynb", [("o", "a = 1")]))
+def test_two_tags_are_refused_and_an_unknown_one_means_nothing(tmp_path):
+    notebook = read_notebook(write(tmp_path / "n.ipynb", [("o", "a = x")]))
+    notebook.cells[1].metadata["tags"] = ["sweep-always"]
+    assert plan_cells(notebook, ["x"]) is None
     notebook.cells[1].metadata["tags"] = ["once", "figure"]
     with pytest.raises(ValueError, match="code cell 2 is tagged figure and once"):
         plan_cells(notebook, [])
@@ -164,13 +148,6 @@ def test_cells_without_and_with_a_plan_are_explained(tmp_path):
     assert set(explained(notebook, None).count(word) for word in ("whole notebook",)) == {4}
 
 
-def test_sweep_always_means_no_tag(tmp_path):
-    path = write(tmp_path / "n.ipynb", [("-", "a = x")])
-    notebook = read_notebook(path)
-    notebook.cells[1].metadata["tags"] = ["sweep-always"]
-    assert plan_cells(notebook, ["x"]) is None
-
-
 def test_a_difference_names_the_number_and_the_cells(tmp_path):
     cells = [
         ("o", "a = [3, 1, 2]"),
@@ -187,7 +164,7 @@ def test_a_difference_names_the_number_and_the_cells(tmp_path):
 
 
 def test_the_comparison_is_made_once_for_a_text(tmp_path, monkeypatch):
-    path = write(tmp_path / "n.ipynb", OWN["sum of a list"])
+    path = write(tmp_path / "n.ipynb", CASES["sum of a list"])
     sweep(path, x=[1, 2], progress=False)
     compared = []
     monkeypatch.setattr(
@@ -195,9 +172,11 @@ def test_the_comparison_is_made_once_for_a_text(tmp_path, monkeypatch):
     )
     assert sweep(path, x=[3, 4], progress=False)["y"].tolist() == [18, 24]
     assert compared == []
-    write(path, [("o", "a = [1, 2, 4]"), OWN["sum of a list"][1]])
+    write(path, [("o", "a = [1, 2, 4]"), CASES["sum of a list"][1]])
     sweep(path, x=[1, 2], progress=False)
     assert len(compared) == 2
+    children = psutil.Process().children(recursive=True)
+    assert not [one for one in children if "workbench.sweep.forking" in one.cmdline()]
 
 
 def test_the_settings_to_compare_are_the_first_and_one_that_differs_in_all():
@@ -221,7 +200,7 @@ def test_each_setting_starts_from_the_same_state(tmp_path):
 
 def test_what_goes_wrong_in_a_fork_costs_its_row(tmp_path):
     code = "import os, time\nif x == 2: raise ValueError('too much')\nif x == 3: os._exit(1)\nif x == 4: time.sleep(60)"
-    path = write(tmp_path / "n.ipynb", [("o", "a = 1"), ("-", code), OWN["sum of a list"][1]])
+    path = write(tmp_path / "n.ipynb", [("o", "a = 1"), ("-", code), CASES["sum of a list"][1]])
     path.write_text(path.read_text().replace("sum(a)", "a"))
     job = notebook_job(path, 2.0, plan=plan_cells(read_notebook(path), ["x"]), varying=["x"])
     found = [run_tagged(job, {"x": value}) for value in (1, 2, 3, 4, 5)]
@@ -234,7 +213,7 @@ def test_what_goes_wrong_in_a_fork_costs_its_row(tmp_path):
 
 
 def test_a_failure_in_a_cell_tagged_once_is_that_of_all_runs(tmp_path):
-    path = write(tmp_path / "n.ipynb", OWN["exception in once"])
+    path = write(tmp_path / "n.ipynb", CASES["exception in once"])
     job = notebook_job(path, plan=plan_cells(read_notebook(path), ["x"]), varying=["x"])
     assert {run_tagged(job, {"x": value}).error for value in (1, 2)} == {
         "ZeroDivisionError: division by zero (code cell 2)"
@@ -266,8 +245,16 @@ def test_what_changes_nothing_is_reported(tmp_path, caplog):
 # the chapters
 
 
-def both_ways(name, swept):
-    """A chapter in its small size at other parameters: whole, and by its tags."""
+CHAPTERS = [
+    (name, SWEEPS[name].parameter if name in SWEEPS else next(iter(values)))
+    for name, values in OTHER_PARAMETERS.items()
+]
+FAST = [pair for pair in CHAPTERS if pair[0] == "12_force_feedback"]
+
+
+@pytest.mark.parametrize(("name", "swept"), FAST)
+def test_a_chapter_by_its_tags_gives_what_it_gives_whole(name, swept):
+    """In its small size, at other parameters."""
     path = NOTEBOOKS[[path.stem for path in NOTEBOOKS].index(name)]
     notebook = read_notebook(path)
     plan = plan_cells(notebook, [swept])
@@ -275,7 +262,7 @@ def both_ways(name, swept):
     fixed = {key: value for key, value in values.items() if key != swept}
     job = notebook_job(path, plan=plan, fixed=fixed, varying=[swept])
     assert plan.once
-    assert plan.left_out or is_short(name)
+    assert plan.left_out or is_study(name)  # which may glue something in each cell
     tagged = run_tagged(job, {swept: values[swept]})
     whole = run_whole(job._replace(keep=True), values)
     assert whole.status == "ok", whole.error
@@ -283,27 +270,10 @@ def both_ways(name, swept):
     close_kernels(job.sweep)
 
 
-def is_short(name):
-    """Whether a notebook is a study, which may glue something in each cell."""
-    return name[2] == "b"
-
-
-CHAPTERS = [
-    (name, SWEEPS[name].parameter if name in SWEEPS else next(iter(values)))
-    for name, values in OTHER_PARAMETERS.items()
-]
-FAST = [pair for pair in CHAPTERS if pair[0] in ("12_force_feedback", "09b_causes")]
-
-
-@pytest.mark.parametrize(("name", "swept"), FAST)
-def test_a_chapter_by_its_tags_gives_what_it_gives_whole(name, swept):
-    both_ways(name, swept)
-
-
 @pytest.mark.heavy
 @pytest.mark.parametrize(("name", "swept"), [pair for pair in CHAPTERS if pair not in FAST])
 def test_every_chapter_by_its_tags_gives_what_it_gives_whole(name, swept):
-    both_ways(name, swept)
+    test_a_chapter_by_its_tags_gives_what_it_gives_whole(name, swept)
 
 
 @pytest.mark.parametrize("name", [path.stem for path in NOTEBOOKS if path.stem not in SWEEPS])
@@ -337,10 +307,3 @@ def state_of(path):
     state = State(job)
     state.prepare()
     return state
-
-
-def test_no_process_is_left(tmp_path):
-    path = write(tmp_path / "n.ipynb", OWN["sum of a list"])
-    sweep(path, x=[1, 2], progress=False)
-    children = psutil.Process().children(recursive=True)
-    assert not [one for one in children if "workbench.sweep.forking" in one.cmdline()]
