@@ -1,13 +1,11 @@
 """The figures of the data sheet show what they are given, with what was computed from it."""
 
-import cv2
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
 from matplotlib.patches import Rectangle
 
 from satellites.accept.figures import (
-    as_png,
     plot_against,
     plot_allan,
     plot_control_chart,
@@ -50,9 +48,6 @@ def test_a_map_of_errors_has_the_large_ones_on_top_and_a_scale_without_the_ends(
     np.testing.assert_allclose(dots.get_clim(), np.quantile(errors, [0.02, 0.98]), rtol=1e-12)
     assert (ax.get_xlabel(), ax.get_ylabel()) == ("x / mm", "y / mm")
     assert bar.get_ylabel() == "error / mm"
-
-
-def test_a_map_of_equal_errors_has_a_scale_all_the_same():
     ax, _ = plot_error_map(np.zeros((5, 2)), np.full(5, 0.3), ("x", "y"), "error").axes
     low, high = ax.collections[0].get_clim()
     assert low == 0.3 < high
@@ -75,20 +70,12 @@ def test_shares_stand_in_their_cells_and_what_is_sure_has_a_frame():
     sure = np.array([[False, False, True], [False, True, False]])
     (ax,) = plot_explained(shares, sure, ["x", "y"], ["a", "b", "c"]).axes
     texts = {text.get_position(): (text.get_text(), text.get_color()) for text in ax.texts}
-    assert {at: text for at, (text, _) in texts.items()} == {
-        (0, 0): "1",
-        (1, 0): "0",  # no share is below none
-        (2, 0): "90",
-        (0, 1): "20",
-        (1, 1): "55",
-        (2, 1): "0",
-    }
+    written = [texts[column, row][0] for row in range(2) for column in range(3)]
+    assert written == ["1", "0", "90", "20", "55", "0"]  # no share is below none
     assert {at for at, (_, colour) in texts.items() if colour == "w"} == {(2, 0), (1, 1)}
     frames = [patch for patch in ax.patches if isinstance(patch, Rectangle)]
-    assert {(round(one.get_x() + 0.46), round(one.get_y() + 0.46)) for one in frames} == {
-        (2, 0),
-        (1, 1),
-    }
+    framed = {(round(one.get_x() + 0.46), round(one.get_y() + 0.46)) for one in frames}
+    assert framed == {(2, 0), (1, 1)}
 
 
 def test_errors_over_the_speed_have_the_rms_of_each_range_that_has_any():
@@ -125,9 +112,3 @@ def test_a_control_chart_has_its_intervals_the_first_as_a_band_and_names_for_ten
     np.testing.assert_allclose([band.get_y(), band.get_y() + band.get_height()], [0.9, 1.2])
     shown = [label.get_text() for label in ax.get_xticklabels()]
     assert shown == names[::3]
-
-
-def test_a_figure_becomes_a_picture_twice_as_fine_as_it_is_shown():
-    png = as_png(plot_path(np.zeros((2, 2)), np.zeros((2, 2)), 1.0))
-    image = cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR)
-    assert image.shape[1] == 2 * 360
