@@ -1,6 +1,5 @@
 """Recording from cameras: videos in their place, and devices that fail in every way."""
 
-import os
 import shutil
 import signal
 import threading
@@ -16,7 +15,7 @@ from processes import CLI, ended, started, wait_until
 
 from trinolab.camera import Rig
 from trinolab.datasets import data_path, load_rig
-from trinolab.files import outputs, recording_writer
+from trinolab.files import recording_writer
 from trinolab.files.journal import locked
 from trinolab.files.recording import instants, open_folder, read_timestamps
 from trinolab.files.rigs import write_rig
@@ -256,7 +255,7 @@ def test_a_preview_is_kept_up_to_date_and_small(cameras, tmp_path, monkeypatch):
     monkeypatch.setattr(recording_writer, "write_image", lambda *a: (seen.append(a[:2]), real(*a)))
     monkeypatch.setattr(files_capture, "PREVIEW_S", 0.05)
     monkeypatch.setattr(files_capture, "QUEUE", 1000)
-    done = capture(TWO, tmp_path / "r", seconds=0.3, preview=True)
+    done = capture(TWO, tmp_path / "r", seconds=0.299, preview=True)
     assert done.times_s == pytest.approx(2 * GRAB_S * np.arange(75))
     shown = [image for image, path in seen if path == tmp_path / "r.partial" / "preview.png"]
     assert len(shown) == 6  # of 75 instants, 4 ms apart, each 13th
@@ -339,7 +338,11 @@ FULL = OSError(28, "No space left on device")
     ("spoiled", "images", "message"),
     [
         (Device(frames=5), None, "ccd2: delivers no image after 5 instants"),
-        (Device(sizes={6: (30, 24)}), None, "ccd2: 30 x 24 pixels after 5 instants, expected 32"),
+        (
+            Device(sizes={6: (30, 24)}),
+            None,
+            "ccd2: 30 x 24 pixels after 5 instants, expected 32 x 24",
+        ),
         (Device(), 11, r"000005\.png: cannot be written \(No space left on device\)"),
     ],
 )
@@ -360,18 +363,19 @@ def test_what_fails_ends_it_and_whole_instants_are_kept(
 
 
 @pytest.mark.parametrize(
-    ("images", "times", "message"),
+    ("images", "message"),
     [
-        (7, FULL, r"No space left.*the images of 3 instants are in .*r\.partial"),
-        (0, DEFAULT, r"000000\.png: cannot be written \(No space left on device\)$"),
+        (7, r"No space left.*the images of 3 instants are in .*r\.partial"),
+        (0, r"000000\.png: cannot be written \(No space left on device\)$"),
     ],
 )
 def test_a_full_disk_leaves_images_without_times_or_nothing(
-    cameras, tmp_path, monkeypatch, images, times, message
+    cameras, tmp_path, monkeypatch, images, message
 ):
     write = Mock(wraps=Path.write_bytes, side_effect=[DEFAULT] * images + [FULL] * 1000)
     monkeypatch.setattr(Path, "write_bytes", lambda path, data: write(path, data))
-    monkeypatch.setattr(outputs.os, "replace", Mock(wraps=os.replace, side_effect=[times]))
+    no_times = Mock(side_effect=ValueError("No space left on device"))
+    monkeypatch.setattr(recording_writer, "write_whole", no_times)
     with pytest.raises(ValueError, match=message):
         capture(TWO, tmp_path / "r")
     assert len(list(tmp_path.glob("r.partial/images/ccd1/*"))) == images // 2

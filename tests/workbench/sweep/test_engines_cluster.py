@@ -2,14 +2,13 @@
 
 import json
 import os
-import shlex
 import signal
 import subprocess
 import sys
 from pathlib import Path
 
+import psutil
 import pytest
-from healthy import run
 from makenotebook import glued, make_notebook
 from processes import HANGS_S, open_gate, started, wait_until
 
@@ -71,20 +70,6 @@ def absolute(x):
     return abs(x)
 
 
-def traced():
-    """Of each run that was begun: its parameter, its worker's process, its threads."""
-    rows = [line.split() for line in Path("trace").read_text().splitlines()]
-    return [(a, int(process), threads) for a, process, threads in rows]
-
-
-def is_alive(process):
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    return True
-
-
 def test_workers_with_other_code_are_refused(here, monkeypatch):
     versions = iter("ab")  # each one who is asked has another
     monkeypatch.setattr(engines, "package_hash", lambda: next(versions))
@@ -103,35 +88,28 @@ def test_a_sweep_is_computed_by_a_cluster_in_this_process(here):
 
 @pytest.mark.heavy
 def test_a_worker_that_is_killed_costs_no_result_and_none_keeps_a_kernel(
-    dask, tmp_path, monkeypatch, capfd
+    dask, tmp_path, monkeypatch
 ):
     address, processes = dask
     monkeypatch.chdir(tmp_path)
     make_notebook(Path("n.ipynb"), WORK, glued(square="a**2"), parameters="a = 0")
-    command = ["sweep", "n.ipynb", "-p", "a=0:23:24", "--scheduler", address, "--out", "s"]
-    rows = Path("s/runs.jsonl")
-    with started(shlex.join(command), stderr=None) as process:
+    line = f"sweep n.ipynb -p a=0:23:24 --scheduler {address} --out s"
+    rows, trace = Path("s/runs.jsonl"), Path("trace")
+    with started(line, stderr=None) as process:
         wait_until(lambda: rows.exists() and len(rows.read_text().splitlines()) >= 6, process)
         os.kill(processes[0], signal.SIGKILL)
-        kept = [json.loads(line)["run"] for line in rows.read_text().split("\n")[:-1]]
-        # and a new worker
-        wait_until(lambda: {process for _, process, _ in traced()} > set(processes), process)
+        kept = [json.loads(row)["run"] for row in rows.read_text().split("\n")[:-1]]
+        # a new worker begins
+        workers = {str(one) for one in processes}
+        wait_until(lambda: {row.split()[2] for row in trace.open()} > workers, process)
         open_gate()
         out, _ = process.communicate(timeout=HANGS_S)
     assert (process.returncode, out) == (0, "24 runs: 24 ok; written to s\n")
-    assert len(kept) < 24
     assert read_sweep("s")["square"].tolist() == [a**2 for a in range(24)]
-    lines = Path("s/runs.jsonl").read_text().splitlines()
-    assert sorted(json.loads(line)["run"] for line in lines) == list(range(24))
-    trace = traced()
+    begun = [row.split() for row in trace.open()]
     # what was there was not run again
-    assert all([a for a, _, _ in trace].count(str(number)) == 1 for number in kept)
-    # both, and the one that took a place
-    assert {process for _, process, _ in trace} > set(processes)
-    assert {threads for _, _, threads in trace} == {"1"}
+    assert len(kept) < 24
+    assert all([a for a, *_ in begun].count(str(number)) == 1 for number in kept)
+    assert {threads for *_, threads in begun} == {"1"}
     # no worker keeps a kernel, not even the one that was killed
-    begun = set(map(int, Path("kernels").read_text().split()))
-    wait_until(lambda: not any(map(is_alive, begun)))
-    assert run(" ".join(command)) == 0  # all is there
-    assert len(Path("trace").read_text().splitlines()) == len(trace)
-    assert capfd.readouterr().out.splitlines()[-1] == "24 runs: 24 ok; written to s"
+    wait_until(lambda: not any(psutil.pid_exists(int(kernel)) for _, kernel, *_ in begun))

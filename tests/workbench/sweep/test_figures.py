@@ -74,20 +74,6 @@ def test_what_has_no_room_is_said_and_an_error_that_the_paper_states_has_a_place
     assert plt.get_fignums() == []
 
 
-def test_one_run_and_none_that_gives_a_number():
-    assert labels(plot_sweep(sweep(measured, a=0.1))) == [
-        ("run", "flat"),
-        ("run", "E_t_mm / mm"),
-        ("run", "drawn"),
-        ("run", "gain"),
-    ]
-    figure = plot_sweep(sweep(measured, a=[1.0, 2.0]))
-    assert [text.get_text() for text in figure.texts] == [
-        "no result is a number",
-        "2 of 2 runs failed",
-    ]
-
-
 def test_other_columns_are_refused():
     found = sweep(measured, a=[0.1, 0.2])
     with pytest.raises(

@@ -3,7 +3,6 @@ refused.
 """
 
 import json
-import os
 import signal
 import sys
 from pathlib import Path
@@ -81,26 +80,6 @@ def test_the_command_makes_table_figure_and_manifest(capfd):
     assert len(list(Path("new/s/notebooks").iterdir())) == 10
     assert len(traced()[1]) == 10  # a kernel for each run
     assert {path.name for path in Path().iterdir()} == {"n.ipynb", "new", "trace"}
-
-
-@pytest.mark.heavy
-@pytest.mark.usefixtures("notebook")
-def test_what_is_finished_is_not_run_again_unless_it_is_stale(caplog):
-    line = LINE.replace("0:9:10", "0,1").replace("--workers 2", "--workers 1")
-    assert run(line) == 0
-    before, table = contents(Path("new/s")), Path("new/s/table.csv").read_bytes()
-    assert run(line) == 0
-    after = contents(Path("new/s"))
-    assert {path for path in before if before[path] != after[path]} <= {Path("new/s/manifest.json")}
-    assert sorted(traced()[0]) == [0, 1]
-    assert not caplog.messages
-    Path("n.ipynb").write_text(Path("n.ipynb").read_text().replace("a**2", "a**3"))
-    assert run(line) == 0
-    assert caplog.messages == [
-        "new/s: the notebook has changed since; 2 finished runs are stale and are done again"
-    ]
-    assert Path("new/s/table.csv").read_bytes() != table
-    assert sorted(traced()[0]) == [0, 0, 1, 1]
 
 
 def finished():
@@ -241,12 +220,3 @@ def test_a_chapter_is_found_by_its_name(tmp_path, monkeypatch):
     assert found["b"].tolist() == [1.0, 2.0]
     with pytest.raises(ValueError, match="no_such: no such notebook"):
         sweep("no_such", a=1.0)
-
-
-@pytest.mark.skipif(os.name != "posix", reason="locks of files as POSIX has them")
-def test_a_folder_is_for_one_process_at_a_time(tmp_path):
-    def meddle(a):
-        return sweep(meddle, a=[1], out=tmp_path / "s")
-
-    found = sweep(meddle, a=[1], out=tmp_path / "s")
-    assert found["error"].tolist() == [f"ValueError: {tmp_path / 's'}: another process works on it"]

@@ -5,23 +5,18 @@ import re
 import signal
 import sys
 import threading
-import time
 from concurrent.futures import BrokenExecutor, CancelledError, Future
-from pathlib import Path
 from typing import NamedTuple
 from unittest.mock import Mock
 
 import nbformat
 import numpy as np
-import pandas as pd
 import pytest
 from nbformat.v4 import new_code_cell, new_notebook
-from processes import ended, started, wait_until
 
 from workbench.sweep import engines, runs, sweep
 from workbench.sweep.engines import Inline
 from workbench.sweep.folder import NOTEBOOKS, Identity, SweepFolder, read_sweep
-from workbench.sweep.grid import Interval
 from workbench.sweep.notebook import inject
 from workbench.sweep.outcome import Outcome
 
@@ -101,17 +96,6 @@ def test_what_a_function_may_return():
     assert found["result"].isna().tolist() == [False] * 3 + [True] * 2 + [False] + [True] * 2
 
 
-def test_a_sample():
-    found = sweep(pair, a=Interval(0, 1), b=Interval(1, 100, log=True), sample=20)
-    assert sorted((found["a"] * 20).astype(int)) == list(range(20))
-    pd.testing.assert_frame_equal(
-        found.drop(columns="seconds"),
-        sweep(pair, a=Interval(0, 1), b=Interval(1, 100, log=True), sample=20).drop(
-            columns="seconds"
-        ),
-    )
-
-
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
@@ -145,23 +129,6 @@ def test_a_function_that_cannot_travel_is_refused():
 def test_a_process_that_ends_ends_the_sweep():
     with pytest.raises(ValueError, match="a worker process has ended abruptly"):
         sweep(end_process, seed=range(3), workers=2)
-
-
-def nap(log):
-    Path(log).write_text("begun")
-    while True:
-        time.sleep(1)
-
-
-@pytest.mark.heavy
-def test_an_interruption_is_answered_at_once(tmp_path):
-    logs = [str(tmp_path / name) for name in "abc"]
-    code = f"from workbench.sweep import sweep; from test_sweep import nap; sweep(nap, log={logs}, workers=2)"
-    with started("", code, env={**os.environ, "PYTHONPATH": str(Path(__file__).parent)}) as process:
-        wait_until(lambda: sum(Path(log).exists() for log in logs) >= 2, process)
-        process.send_signal(signal.SIGINT)
-        _, err = ended(process)  # a nap would never end
-    assert err[-1] == "KeyboardInterrupt\n"
 
 
 # --- engines, without a process or a cluster
@@ -254,20 +221,6 @@ def test_a_manifest_that_is_none_is_named(tmp_path, text):
     (tmp_path / "manifest.json").write_text(text)
     with pytest.raises(ValueError, match=r"manifest\.json: expected"):
         read_sweep(tmp_path)
-
-
-def test_a_disk_that_is_full_says_what_is_kept(tmp_path, monkeypatch):
-    """The third of four runs cannot be written."""
-    add = SweepFolder.add
-
-    def full(self, number, outcome):
-        if number == 2:
-            raise ValueError("runs.jsonl: cannot be written (No space left on device)")
-        add(self, number, outcome)
-
-    monkeypatch.setattr(SweepFolder, "add", full)
-    with pytest.raises(ValueError, match=r"No space left on device\); .*2 of 4 runs are kept"):
-        sweep(pair, a=[1, 2, 3, 4], b=[1], out=tmp_path / "s")
 
 
 # --- a notebook's parameters

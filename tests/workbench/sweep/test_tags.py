@@ -16,7 +16,7 @@ from sweepcases import CASES, write
 
 from workbench.browser.sweeps import SWEEPS
 from workbench.sweep import agreement, sweep
-from workbench.sweep.cells import explained, names_of, plan_cells
+from workbench.sweep.cells import names_of, plan_cells
 from workbench.sweep.jobs import State, close_kernels, notebook_job, run_tagged, run_whole
 from workbench.sweep.notebook import read_notebook, read_parameters
 from workbench.sweep.outcome import LAST_COLUMNS
@@ -138,16 +138,6 @@ def test_names_of_a_cell():
     assert names_of("%%time\na = b").reads == {"b"}
 
 
-def test_cells_without_and_with_a_plan_are_explained(tmp_path):
-    cells = [("o", "a = 1"), ("f", "print(a)"), ("-", "from myst_nb import glue\nglue('y', x)")]
-    notebook = read_notebook(write(tmp_path / "n.ipynb", cells))
-    lines = explained(notebook, plan_cells(notebook, ["x"])).splitlines()
-    assert ["setting's values" in lines[0], "tagged once" in lines[1]] == [True, True]
-    assert "not run: tagged figure" in lines[2]
-    assert "at each setting: no tag" in lines[3]
-    assert set(explained(notebook, None).count(word) for word in ("whole notebook",)) == {4}
-
-
 def test_a_difference_names_the_number_and_the_cells(tmp_path):
     cells = [
         ("o", "a = [3, 1, 2]"),
@@ -186,18 +176,6 @@ def test_the_settings_to_compare_are_the_first_and_one_that_differs_in_all():
     assert agreement.chosen_settings(settings[:1], "") == [0]
 
 
-def test_each_setting_starts_from_the_same_state(tmp_path):
-    cells = [
-        ("o", "import os\nparent = os.getpid()\nbox = []"),
-        ("-", "box.append(x)\nfrom myst_nb import glue\nglue('n', len(box))"),
-        ("-", "glue('forked', os.getppid() == parent)"),
-    ]
-    path = write(tmp_path / "n.ipynb", cells)
-    job = notebook_job(path, plan=plan_cells(read_notebook(path), ["x"]), varying=["x"])
-    found = [run_tagged(job, {"x": value}).results for value in (1, 2, 3)]
-    assert found == [{"n": 1, "forked": 1}] * 3
-
-
 def test_what_goes_wrong_in_a_fork_costs_its_row(tmp_path):
     code = "import os, time\nif x == 2: raise ValueError('too much')\nif x == 3: os._exit(1)\nif x == 4: time.sleep(60)"
     path = write(tmp_path / "n.ipynb", [("o", "a = 1"), ("-", code), CASES["sum of a list"][1]])
@@ -210,14 +188,6 @@ def test_what_goes_wrong_in_a_fork_costs_its_row(tmp_path):
         "DeadKernelError: Kernel died",
         "CellTimeoutError: over 2 s (code cell 3)",
     ]
-
-
-def test_a_failure_in_a_cell_tagged_once_is_that_of_all_runs(tmp_path):
-    path = write(tmp_path / "n.ipynb", CASES["exception in once"])
-    job = notebook_job(path, plan=plan_cells(read_notebook(path), ["x"]), varying=["x"])
-    assert {run_tagged(job, {"x": value}).error for value in (1, 2)} == {
-        "ZeroDivisionError: division by zero (code cell 2)"
-    }
 
 
 def test_numbers_are_taken_as_they_were_glued(tmp_path):

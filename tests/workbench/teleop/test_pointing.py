@@ -115,22 +115,6 @@ def test_the_machine_is_that_of_a_session():
     assert worst < 1e-6  # mm; measured 1e-13
 
 
-def test_the_arm_follows_its_reference_within_three_milliseconds():
-    """Why the servos are left out: 1 ms at 100 mm/s (n = 1, no noise)."""
-    pytest.importorskip("mujoco", reason="extra slave is not installed")
-    from trinolab.slave.arm import load_robot
-    from workbench.teleop.session import Session
-
-    session = Session(load_robot())
-    ticks = []
-    for k in range(31):
-        T = RigidTransform.from_translation([100 * k / 30, 0.0, 0.0])
-        ticks.append(session.step(Sample(k / 30, T, "measured", True)).ticks)
-    last = ticks[-1]
-    behind = [a.translation - b.translation for a, b in zip(last.reference, last.tool, strict=True)]
-    assert np.linalg.norm(behind, axis=1).max() < 0.3  # mm, which is 3 ms
-
-
 # The operators
 
 

@@ -113,15 +113,6 @@ def test_the_force_of_a_contact_is_read():
     assert (force[log.trajectory()["t_s"] < events["t_s"].iloc[1] - 0.05] == 0).all()
 
 
-def test_limits_are_named():
-    near = MappingParameters(alignment=TO_BASE, reach_mm=((-850, 850), (-850, 850), (80, 950)))
-    _, moments = run(
-        [Sample(t, moved([0, 60 * t, 0]), "measured", True) for t in np.arange(1, 61) / 30], near
-    )
-    assert moments[-1].limits == ("reach",)
-    assert moments[-1].reading.tool.translation[2] > 79
-
-
 @settings(max_examples=5, deadline=None)
 @given(
     st.lists(

@@ -2,7 +2,6 @@
 images.
 """
 
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,7 +10,6 @@ pytest.importorskip("mink", reason="the extra 'slave' is missing")
 
 from trinolab.bench.hand import true_visibility
 from trinolab.files.poses import read_poses
-from trinolab.slave.arm import load_robot
 from workbench.teleop import task
 
 IN_ORDER = [
@@ -100,26 +98,6 @@ def test_binned_cameras_see_the_same_at_half_the_pixels():
             binned.project([[10.0, -5.0, 560.0]]), (uv + 0.5) / 2 - 0.5, atol=1e-9
         )
         assert binned.size == (whole.size[0] // 2, whole.size[1] // 2)
-
-
-def test_the_cameras_are_covered_when_the_plan_says_so():
-    shots = task.job(0).shots
-    times = task.hand(0)[0]
-    lights = np.array([shot.gains for shot in shots])
-    covered = (times >= task.COVERED_S[0]) & (times < task.COVERED_S[1])
-    dark = (times >= task.DARK_S[0]) & (times < task.DARK_S[1])
-    assert (lights[covered] == [1, 0, 1]).all()
-    assert (lights[dark] == 0).all()
-    assert (lights[~covered & ~dark] == 1).all()
-
-
-def test_the_block_is_where_the_plan_has_it():
-    model = load_robot().model
-    middle, half = model.body("block").pos, model.geom("block").size
-    assert 1000 * (middle[1] - half[1]) == pytest.approx(task.SIDE_MM[1])
-    assert 1000 * (middle[2] + half[2]) == pytest.approx(task.TARGET_MM[2])
-    assert 1000 * middle[:2] == pytest.approx(task.TARGET_MM[:2])
-    assert 1000 * model.geom("tool").size[0] == pytest.approx(task.RADIUS_MM)
 
 
 def test_the_clutchs_table_closes_and_opens_it_as_the_legs_are_and_keeps_the_scale_when_open():

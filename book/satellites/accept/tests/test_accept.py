@@ -32,7 +32,6 @@ from trinolab.files.poses import pose_table
 from trinolab.handle import slant_angles
 from trinolab.pose import LOST, Pose
 from trinolab.rigid import shifted
-from trinolab.workspace import view_volume
 from workbench import intervals
 
 
@@ -65,12 +64,6 @@ def test_field_is_what_counting_gives(rig):
             closer = point + 0.9 * (around - point)
             assert all(camera.sees(closer).all() for camera in field.rig.cameras)
     assert 0.02 < held.mean() < 0.9
-
-
-def test_a_pair_without_an_end_has_a_field():
-    """It ends where a marker is 8 px large: 2956 px / mm x 3 mm / 8 px."""
-    assert view_volume(load_rig("paper_pair")).status == "unbounded"
-    assert setup("paper_pair").field.farthest_mm == pytest.approx(2939.5353 * 3 / 8, rel=1e-3)
 
 
 def test_lens_distortion_is_in_the_field():
@@ -339,20 +332,6 @@ def test_bar_of_known_ends():
     assert value(answer, "bar's length at 0.1 m/s", "rms").value < 1e-9
 
 
-def test_an_instant_counts_where_both_ends_are_measured():
-    one = setup()
-    answer = moving.judge(one, moving_rows(one, lost=lambda k: (0, 1) if k % 2 else (1, 2)))
-    counts = [n for n in answer.numbers if n.what.startswith("both ends")]
-    all_of, measured = sum(n.n for n in counts), sum(n.n * n.value / 100 for n in counts)
-    missing = 0
-    for raster in range(8):
-        speed = np.linalg.norm(moving.path_of(one, raster).velocities, axis=1)
-        missing += (speed[:3] >= 50).sum()
-        all_of -= (speed >= 50).sum()
-    assert all_of == 0
-    assert measured == pytest.approx(sum(n.n for n in counts) - missing)
-
-
 # --- A4: the pointer
 
 
@@ -559,13 +538,6 @@ def trial_of(shape, above_mm):
     return {"t_s": times.tolist(), "hand": hand.tolist(), "tool": tool.tolist()}
 
 
-def test_a_square_is_looked_at_away_from_its_corners():
-    way = arm.stations("square")
-    corners = arm.SIDE_MM * np.arange(5)
-    assert np.abs(way[:, None] - corners).min() >= arm.AWAY_MM
-    assert len(arm.stations("circle")) == arm.STATIONS
-
-
 def group(shift, turn_deg):
     """Cycles of the five poses, in which the tool is off the hand by a shift and a turn about z."""
     hand = np.tile(arm.CORNERS_MM, (arm.TOGETHER, 1)) + [0.0, 0.0, 570.0]
@@ -598,20 +570,6 @@ def test_numbers_of_five_poses_by_hand(monkeypatch):
     assert repeatability.value < 0.01
     assert accuracy.n == arm.STATIONS * arm.ROUNDS
     assert "drawn 10 times as large" in picture.alt
-
-
-def test_a_station_that_the_tool_does_not_come_by_in_a_round_is_left_out():
-    trial = trial_of("circle", 0.0)
-    every, _ = arm.off_path("circle", trial)
-    rounds = arm.length_of("circle") / arm.SPEED_MM_S
-    times = np.array(trial["t_s"])
-    begin = arm.STILL_S + arm.LEAD_S + 3 * rounds + 0.1
-    tool = np.array(trial["tool"])
-    tool[(times >= begin) & (times < begin + rounds / 2)] = [0.0, 0.0, 0.0]  # half of a round
-    points, off = arm.off_path("circle", trial | {"tool": tool.tolist()})
-    assert len(points) == len(off)
-    assert len(every) == arm.STATIONS
-    assert len(points) == pytest.approx(arm.STATIONS / 2, abs=10)
 
 
 def test_the_arm_says_what_it_lacks(monkeypatch):
@@ -739,13 +697,6 @@ def test_a_sine_is_followed_without_delay():
     answer = latency.judge(one, [latency.run(one, k) for k in range(latency.parts(one))])
     delay = value(answer, "pose against its own time, sine of 1 Hz", "delay")
     assert abs(delay.value) < 0.5
-
-
-@pytest.mark.heavy
-def test_the_script_is_followed():
-    one = setup(poses=8)
-    answer = availability.judge(one, [availability.run(one, 0)])
-    assert value(answer, "measured, of the possible instants", "share").value > 80
 
 
 @pytest.mark.heavy

@@ -6,12 +6,10 @@ from matplotlib.colors import to_rgba
 from matplotlib.patches import Rectangle
 
 from satellites.accept.figures import (
-    plot_against,
     plot_allan,
     plot_control_chart,
     plot_error_map,
     plot_explained,
-    plot_over_speed,
     plot_path,
 )
 from workbench.plotting.basics import COLOURS
@@ -53,18 +51,6 @@ def test_a_map_of_errors_has_the_large_ones_on_top_and_a_scale_without_the_ends(
     assert low == 0.3 < high
 
 
-def test_errors_over_the_freedoms_have_the_medians_of_equally_many():
-    rng = np.random.default_rng(0)
-    freedoms, errors = rng.uniform(size=(60, 6)), rng.lognormal(size=60)
-    figure = plot_against(freedoms, errors, "abcdef", "error / mm", 4)
-    assert [ax.get_xlabel() for ax in figure.axes] == list("abcdef")
-    for ax, column in zip(figure.axes, freedoms.T, strict=True):
-        ((x, y),) = lines(ax, COLOURS[4])
-        order = np.argsort(column).reshape(4, 15)
-        np.testing.assert_array_equal(x, np.median(column[order], axis=1))
-        np.testing.assert_array_equal(y, np.median(errors[order], axis=1))
-
-
 def test_shares_stand_in_their_cells_and_what_is_sure_has_a_frame():
     shares = np.array([[1.4, -3.0, 90.0], [20.0, 55.0, 0.0]])
     sure = np.array([[False, False, True], [False, True, False]])
@@ -76,15 +62,6 @@ def test_shares_stand_in_their_cells_and_what_is_sure_has_a_frame():
     frames = [patch for patch in ax.patches if isinstance(patch, Rectangle)]
     framed = {(round(one.get_x() + 0.46), round(one.get_y() + 0.46)) for one in frames}
     assert framed == {(2, 0), (1, 1)}
-
-
-def test_errors_over_the_speed_have_the_rms_of_each_range_that_has_any():
-    speeds = np.array([0.1, 0.2, 0.9, 1.0])
-    errors = np.array([3.0, 4.0, 1.0, 1.0])
-    (ax,) = plot_over_speed(speeds, errors, [0.05, 0.3, 0.6, 2.0], "error / mm").axes
-    levels = lines(ax, COLOURS[4])
-    assert [list(x) for x, _ in levels] == [[0.05, 0.3], [0.6, 1.0]]  # up to the fastest
-    np.testing.assert_allclose([y for _, y in levels], [[np.sqrt(12.5)] * 2, [1, 1]], rtol=1e-12)
 
 
 def test_a_path_has_its_deviations_so_many_times_as_large():

@@ -84,6 +84,9 @@ class Read(HTMLParser):
 def test_page_is_whole_and_loads_nothing(made):
     page = Read(made[1][sheet.PAGE])
     assert page.open == []
+    for sentence in (sheet.CRIME, sheet.AFTER, "Not run: needs the package mujoco."):
+        assert sentence in page.text
+    assert "three <cameras> & more" in page.text  # escaped, not a tag
     assert not {tag for tag, _ in page.tags} & {"script", "link", "iframe"}
     sources = [attrs["src"] for tag, attrs in page.tags if tag == "img"]
     assert len(sources) >= 8
@@ -96,13 +99,6 @@ def test_page_is_whole_and_loads_nothing(made):
     for number in made[0].numbers:
         assert sheet.value_text(number) in page.text
         assert number.what in page.text
-
-
-def test_page_says_what_its_numbers_are(made):
-    text = Read(made[1][sheet.PAGE]).text
-    for sentence in (sheet.CRIME, sheet.AFTER, "Not run: needs the package mujoco."):
-        assert sentence in text
-    assert "three <cameras> & more" in text  # escaped, not a tag
 
 
 def test_three_digits_and_how_sure_a_count_is():
@@ -363,18 +359,3 @@ def test_a_renewed_test_has_its_new_numbers_and_says_when(made, tmp_path):
     assert again["notes"]["A2"] == ["Seven.", "This test was measured again today, by hand."]
     assert again["notes"]["A1"] == content["notes"]["A1"]
     assert content["notes"]["A2"] != again["notes"]["A2"]
-
-
-def test_a_test_is_measured_again_from_its_parts_which_are_kept(monkeypatch, tmp_path):
-    done = []
-    fake = SimpleNamespace(
-        parts=lambda setup: 2,
-        run=lambda setup, k: done.append(k) or [k],
-        judge=lambda setup, rows: Answer(notes=[str(rows)]),
-    )
-    monkeypatch.setitem(work.TESTS, "A5", fake)
-    source = Source(str(RIG), str(HANDLE), 8, 0)
-    for _ in range(2):
-        answer = renew.measured_again(source, "A5", tmp_path / "new" / "kept.jsonl", 1)
-        assert answer.notes == ["[[0], [1]]"]
-    assert done == [0, 1]
