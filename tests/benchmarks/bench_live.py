@@ -3,8 +3,7 @@ memory in the place of three cameras that are triggered together.
 
 The time of its arrival, ms, is drawn into each frame's pixels as a row of black and white blocks, and read
 back from the page's canvas when the page has drawn it, at 30 frames a second of 640 x 480 and of 1280 x
-1024. At half-time the second camera stops, and comes back. Then the reader is stopped: after the two
-frames that were under way the next must be of the present:
+1024:
 
     python tests/benchmarks/bench_live.py [--seconds 20]
 """
@@ -17,7 +16,6 @@ import tempfile
 import time
 from functools import partial
 from pathlib import Path
-from threading import Event
 
 import clock
 import numpy as np
@@ -33,7 +31,7 @@ from trinolab.datasets import load_handle, load_rig
 from workbench.pages.browser import Browser
 
 MOST_MS, LATEST_MS = 100.0, 250.0
-FPS, BITS, SEED, INSTANTS, STOP_S = 30.0, 24, 5, 60, 5
+FPS, BITS, SEED, INSTANTS = 30.0, 24, 5, 60
 HANDLE = load_handle("coded")
 # The page reads each frame when it is drawn: a block's middle is dark or bright.
 READ = """
@@ -72,13 +70,11 @@ def drawn(rig: Rig) -> np.ndarray:
     return np.array([*frames, *frames[::-1]])
 
 
-def frames_of(images, unplugged, is_first, stopped):
+def frames_of(images, is_first, stopped):
     """A camera's frames at the instants of a common trigger, those of the first one with the time of
     their arrival in their pixels.
     """
     while not stopped.is_set():
-        if unplugged.is_set():
-            raise ValueError("cannot be read")
         k = int(time.monotonic() * FPS) + 1
         stopped.wait(max(0.0, k / FPS - time.monotonic()))
         image = images[k % len(images)]
@@ -96,15 +92,10 @@ def stamped(image: np.ndarray) -> np.ndarray:
     return image
 
 
-def serving(images, rig, folder, address, unplugged) -> None:
-    """The process that is measured; the second camera stops while an event is set."""
-    never = Event()
+def serving(images, rig, folder, address) -> None:
+    """The process that is measured."""
     feeds = [
-        Feed(
-            camera.name,
-            partial(frames_of, images[:, k], unplugged if k == 1 else never, k == 0),
-            False,
-        )
+        Feed(camera.name, partial(frames_of, images[:, k], k == 0), False)
         for k, camera in enumerate(rig.cameras)
     ]
     live(Source(rig, HANDLE, feeds), folder, on_open=address.send)
@@ -115,44 +106,22 @@ def processor_s(pid: int) -> float:
     return sum(psutil.Process(pid).cpu_times()[:2])
 
 
-def wait_for(browser: Browser, condition: str) -> float:
-    """Wait until the page says so; how long it took, s."""
-    begin = time.monotonic()
-    while not browser.evaluate(condition):
+def watched(browser: Browser, pid: int, seconds: float, name: str) -> None:
+    """Print what is measured of a page with frames of one size."""
+    while not browser.evaluate("Boolean(last && last.status === 'measured')"):
         time.sleep(0.05)
-    return time.monotonic() - begin
-
-
-def watched(browser: Browser, pid: int, unplugged, seconds: float, name: str) -> None:
-    """Print what is measured of a page with its frames of one size."""
-    wait_for(browser, "Boolean(last && last.status === 'measured')")
     browser.evaluate("send({clutch: true})")
     browser.evaluate(READ)
     time.sleep(2.0)
     browser.evaluate("late.length = 0")
     used = processor_s(pid)
-    time.sleep(seconds / 2)
-    unplugged.set()
-    wait_for(browser, "Boolean(last && last.troubles.length)")  # the page says so
-    unplugged.clear()
-    back_s = wait_for(browser, "!last.troubles.length && last.status === 'measured'")
-    time.sleep(seconds / 2)
+    time.sleep(seconds)
     late = np.array(browser.evaluate("late"))
     used = 1e3 * (processor_s(pid) - used) / len(late)
     clock.line(f"{name}: from frame to screen", late)
     clock.line(f"{name}: of 95 %", np.quantile(late, 0.95), limit=MOST_MS)
     clock.line(f"{name}: the latest", late.max(), limit=LATEST_MS)
     clock.line(f"{name}: processor time of a frame on the screen", used)
-    clock.line(f"{name}: from a camera's return to a pose", back_s, "s")
-    stop = (
-        f"{{late.length = 0; const end = Date.now() + {1000 * STOP_S}; while (Date.now() < end);}}"
-    )
-    browser.evaluate(stop)
-    wait_for(browser, "late.length > 2")
-    # the two that were under way when the reader stopped are as old as the stop
-    clock.line(
-        f"{name}: the next frame after {STOP_S} s without a reader", browser.evaluate("late[2]")
-    )
 
 
 def main() -> int:
@@ -163,15 +132,13 @@ def main() -> int:
     for rig in (small_rig(), load_rig("raised_40deg")):
         with tempfile.TemporaryDirectory() as folder:
             ours, its = multiprocessing.Pipe()
-            unplugged = context.Event()
-            given = drawn(rig), rig, folder, its, unplugged
-            process = context.Process(target=serving, args=given)
+            process = context.Process(target=serving, args=(drawn(rig), rig, folder, its))
             process.start()
             browser = Browser(Path(folder))
             try:
                 browser.open(ours.recv())
                 name = "{} x {}".format(*rig.cameras[0].size)
-                watched(browser, process.pid, unplugged, seconds, name)
+                watched(browser, process.pid, seconds, name)
             finally:
                 browser.close()
                 os.kill(process.pid, signal.SIGINT)

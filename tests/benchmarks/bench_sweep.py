@@ -1,34 +1,26 @@
 """The time of a sweep: chapters 3 and 6 by their tags compared with whole, the time beside the runs of a
-function, a short notebook compared with a papermill loop, and a table of 10,000 rows that is opened and
-drawn.
+function, and a table of 10,000 rows that is opened and drawn.
 
     python tests/benchmarks/bench_sweep.py
 """
 
 import json
-import os
 import resource
-import sys
 import tempfile
 import time
 from pathlib import Path
 
 import clock
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "helpers"))
-
-from makenotebook import glued, make_notebook
 from nbformat.v4 import new_code_cell
 
-from trinolab.files.images import unheard
 from workbench.sweep.cells import code_cells
-from workbench.sweep.engines import kernels, processes
+from workbench.sweep.engines import processes
 from workbench.sweep.figures import as_png, plot_sweep
 from workbench.sweep.folder import read_sweep
 from workbench.sweep.grid import axes_of
 from workbench.sweep.jobs import close_kernels, run_tagged, run_whole
-from workbench.sweep.notebook import ONE_THREAD, as_notebook
+from workbench.sweep.notebook import as_notebook
 from workbench.sweep.runs import compute, of_function, of_notebook
 
 # chapter, parameter, values, the largest share of the whole run's processor time
@@ -36,12 +28,7 @@ TAGGED = [
     ("03_background", "update_rate", [0.005, 0.02, 0.05], 0.2),
     ("06_matching", "ncc_threshold", [0.4, 0.6, 0.8], 0.35),
 ]
-FUNCTION_MS, OPEN_S, SHORT_RUNS = 1.0, 2.0, 10
-SHORT = """
-import numpy as np
-from trinolab.metrics import geodesic_deg
-total = sum(np.linalg.svd(np.random.default_rng(seed).normal(size=(60, 60)))[1][0] for _ in range(50))
-"""
+FUNCTION_MS, OPEN_S = 1.0, 2.0
 TIMED = "import time\nfrom myst_nb import glue\nglue('processor_s', time.process_time())"
 
 
@@ -75,24 +62,6 @@ def measure_tags(chapter, name, values, limit):
     clock.line(f"{chapter}, by its tags divided by whole", np.median(tagged) / whole, "", limit)
 
 
-def measure_short(root):
-    import papermill
-
-    path = make_notebook(root / "short.ipynb", SHORT, glued(total="total"))
-
-    def loop():
-        for seed in range(SHORT_RUNS):
-            papermill.execute_notebook(
-                path, root / "executed.ipynb", {"seed": seed}, progress_bar=False, cwd=root
-            )
-
-    with unheard():  # its kernels talk
-        clock.line("short notebook, a papermill loop", seconds(loop) / SHORT_RUNS, "s a run")
-    job = of_notebook(path, axes_of({"seed": range(SHORT_RUNS)}))
-    ours = seconds(compute, job, kernels(2, job.kernels), root / "short")
-    clock.line("short notebook, two workers", ours / SHORT_RUNS, "s a run")
-
-
 def busy(a, b):
     """A short run: some tenths of a millisecond."""
     values = np.sin(a * np.arange(2000.0))
@@ -114,12 +83,10 @@ def measure_function(root):
 
 
 def main() -> int:
-    os.environ.update(ONE_THREAD)  # papermill's kernels as well
     for chapter in TAGGED:
         measure_tags(*chapter)
     with tempfile.TemporaryDirectory() as folder:
         measure_function(Path(folder))
-        measure_short(Path(folder))
     return clock.exit_code()
 
 

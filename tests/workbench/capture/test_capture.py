@@ -231,25 +231,6 @@ def test_what_the_disk_cannot_take_is_dropped_and_counted(cameras, tmp_path, mon
     assert np.diff(times).max() > 50 * 2 * GRAB_S  # the gap stands in the times
 
 
-def test_a_queue_that_fills_is_written_without_compression(cameras, tmp_path, monkeypatch):
-    how, real, last = [], recording_writer.write_image, threading.Event()
-
-    def write(image, path, fast):
-        how.append(fast)
-        last.wait()
-        real(image, path, fast)
-
-    monkeypatch.setattr(files_capture, "QUEUE", 8)
-    monkeypatch.setattr(recording_writer, "write_image", write)
-    # the first instant is being written before there are more
-    cameras[0].at[2] = lambda: wait_until(lambda: how)
-    cameras[0].at[20] = last.set
-    done = capture(TWO, tmp_path / "r", seconds=0.3)
-    assert not how[0]
-    assert True in how
-    assert len(done.times_s) == len(how) / 2
-
-
 def test_a_preview_is_kept_up_to_date_and_small(cameras, tmp_path, monkeypatch):
     seen, real = [], recording_writer.write_image
     monkeypatch.setattr(recording_writer, "write_image", lambda *a: (seen.append(a[:2]), real(*a)))
@@ -303,21 +284,6 @@ def test_what_does_not_fit_leaves_no_folder(cameras, folder, images):
         with locked(folder / "grows.partial"), pytest.raises(ValueError, match=message):
             capture(**{"cameras": VIDEOS, "out": "r", "rig": "rig.toml", **change})
         assert sorted(folder.rglob("*")) == before, message
-
-
-def test_it_is_kept_for_this_process_while_it_grows(cameras, tmp_path):
-    """As a second command sees it with the third instant."""
-    seen = []
-
-    def second():
-        try:
-            capture(TWO, tmp_path / "r")
-        except ValueError as error:
-            seen.append(str(error))
-
-    cameras[0].at[3] = second
-    capture(TWO, tmp_path / "r", seconds=0.2)
-    assert seen == [f"{tmp_path / 'r.partial'}: another process works on it"]
 
 
 def test_a_folder_that_another_process_makes_meanwhile_is_left_alone(cameras, tmp_path):

@@ -7,10 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import psutil
 import pytest
 from makenotebook import glued, make_notebook
-from processes import HANGS_S, open_gate, started, wait_until
+from processes import HANGS_S, is_running, open_gate, started, wait_until
 
 from workbench.sweep import engines, sweep
 from workbench.sweep.engines import cluster
@@ -112,4 +111,4 @@ def test_a_worker_that_is_killed_costs_no_result_and_none_keeps_a_kernel(
     assert all([a for a, *_ in begun].count(str(number)) == 1 for number in kept)
     assert {threads for *_, threads in begun} == {"1"}
     # no worker keeps a kernel, not even the one that was killed
-    wait_until(lambda: not any(psutil.pid_exists(int(kernel)) for _, kernel, *_ in begun))
+    wait_until(lambda: not any(is_running(int(kernel)) for _, kernel, *_ in begun))

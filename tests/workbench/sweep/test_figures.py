@@ -28,7 +28,7 @@ def labels(figure):
     return [(ax.get_xlabel(), ax.get_ylabel()) for ax in figure.axes if ax.get_xlabel()]
 
 
-def test_one_parameter_gives_curves_with_the_range_over_the_seeds():
+def test_one_parameter_gives_curves_with_the_range_over_the_seeds(tmp_path):
     found = sweep(measured, a=[0.0, 0.5, 1.0], b=0.5, seed=[0, 2])
     figure = plot_sweep(found)
     # a result that stays the same, or that only the seed changes, is left out
@@ -38,6 +38,9 @@ def test_one_parameter_gives_curves_with_the_range_over_the_seeds():
     band = gain.collections[0].get_paths()[0].vertices
     np.testing.assert_allclose([band[:, 1].min(), band[:, 1].max()], [0.0, 2.5])
     assert gain.get_xscale() == "linear"
+    (tmp_path / "f.png").write_bytes(as_png(figure))
+    assert matplotlib.image.imread(tmp_path / "f.png").shape[:2] == (320, 800)
+    assert plt.get_fignums() == []
 
 
 def test_two_parameters_give_heat_maps_and_failures_are_gaps():
@@ -57,7 +60,7 @@ def test_two_parameters_give_heat_maps_and_failures_are_gaps():
     np.testing.assert_allclose(maps[2].images[0].get_array(), [[2, 2.25], [2, 2.4]])
 
 
-def test_what_has_no_room_is_said_and_an_error_that_the_paper_states_has_a_place(tmp_path):
+def test_what_has_no_room_is_said_and_an_error_that_the_paper_states_has_a_place():
     def many(a, b=0.0, c=0.0):
         return {f"r{k:02d}": 1 + a * k + b + c for k in range(1, 15)} | {"E_t_mm": 1 + 0.01 * a}
 
@@ -65,13 +68,9 @@ def test_what_has_no_room_is_said_and_an_error_that_the_paper_states_has_a_place
     assert len(labels(figure)) == 12
     assert labels(figure)[-1] == ("a", "E_t_mm / mm")
     assert figure.get_suptitle() == "3 more results are in the table"
-    (tmp_path / "f.png").write_bytes(as_png(figure))
-    assert matplotlib.image.imread(tmp_path / "f.png").ndim == 3
     figure = plot_sweep(sweep(many, a=[0.0, 1.0], b=[0.0, 1.0], c=[0.0, 1.0]))
     assert len([ax for ax in figure.axes if ax.get_title()]) == 3 * 2
     assert figure.get_suptitle() == "12 more results are in the table"
-    plt.close(figure)
-    assert plt.get_fignums() == []
 
 
 def test_other_columns_are_refused():

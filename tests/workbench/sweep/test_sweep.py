@@ -2,13 +2,13 @@
 
 import os
 import re
-import signal
 import sys
 import threading
 from concurrent.futures import BrokenExecutor, CancelledError, Future
 from typing import NamedTuple
 from unittest.mock import Mock
 
+import cv2
 import nbformat
 import numpy as np
 import pytest
@@ -32,68 +32,45 @@ def pair(a, b):
 
 def identify(seed):
     """The process, and how many threads linear algebra and OpenCV use in it."""
-    import cv2
-
-    return {
-        "process": os.getpid(),
-        "cv2": cv2.getNumThreads(),
-        "blas": int(os.environ["OPENBLAS_NUM_THREADS"]),
-    }
-
-
-def end_process(seed):
-    os.kill(os.getpid(), signal.SIGKILL)
+    blas = int(os.environ["OPENBLAS_NUM_THREADS"])
+    return {"process": os.getpid(), "cv2": cv2.getNumThreads(), "blas": blas}
 
 
 def test_the_table_has_a_row_a_run():
     found = sweep(pair, {"a": np.array([1.0, 4.0])}, b=[1, 2])
     assert list(found.columns) == ["a", "b", "total", "ratio", "seconds", "status", "error"]
-    assert found[["a", "b", "total", "ratio"]].values.tolist() == [
-        [1.0, 1, 2.0, 1.0],
-        [1.0, 2, 3.0, 0.5],
-        [4.0, 1, 5.0, 4.0],
-        [4.0, 2, 6.0, 2.0],
-    ]
+    rows = [[1.0, 1, 2.0, 1.0], [1.0, 2, 3.0, 0.5], [4.0, 1, 5.0, 4.0], [4.0, 2, 6.0, 2.0]]
+    assert found[["a", "b", "total", "ratio"]].values.tolist() == rows
     assert (found["seconds"] >= 0).all()
     assert found["status"].tolist() == ["ok"] * 4
     assert found.attrs == {"parameters": ["a", "b"]}
 
 
-def test_a_run_that_raises_is_a_row_and_the_others_go_on():
-    found = sweep(pair, a=1, b=[1, 0, 2])
-    assert found["status"].tolist() == ["ok", "failed", "ok"]
-    assert found["error"].tolist() == ["", "ZeroDivisionError: division by zero", ""]
-    assert np.isnan(found["total"]).tolist() == [False, True, False]
-
-
 def test_what_a_function_may_return():
-    def several(kind):
-        return {
-            "number": 2.5,
-            "numpy": np.float32(0.5),
-            "truth": np.bool_(True),
-            "mapping": {"x": 1},
-            "own columns": {"kind": 0.3, "seconds": 5},
-            "text": "two\nwords",
-            "nothing": None,
-            "array": np.zeros(3),
-        }[kind]
-
-    found = sweep(
-        several,
-        kind=["number", "numpy", "truth", "mapping", "own columns", "text", "nothing", "array"],
-    )
+    """One that raises costs its row, and the others go on."""
+    returned = {
+        "number": 2.5,
+        "numpy": np.float32(0.5),
+        "truth": np.bool_(True),
+        "mapping": {"x": 1},
+        "own columns": {"kind": 0.3, "seconds": 5},
+        "text": "two\nwords",
+        "nothing": None,
+        "array": np.zeros(3),
+    }
+    found = sweep(lambda kind: returned[kind], kind=[*returned, "no such"])
     assert found["result"].tolist()[:3] == [2.5, 0.5, 1.0]
     assert found["x"][3] == 1
     assert found.loc[4, ["kind_result", "seconds_result"]].tolist() == [0.3, 5]
-    assert found["status"].tolist() == ["ok"] * 5 + ["no number"] * 3
+    assert found["status"].tolist() == ["ok"] * 5 + ["no number"] * 3 + ["failed"]
     assert found["error"].tolist()[5:] == [
         r"result is no number: 'two\nwords'",
         "result is no number: None",
         "result is no number: array([0., 0., 0.])",
+        "KeyError: 'no such'",
     ]
     assert found["result"][5] == "two words"
-    assert found["result"].isna().tolist() == [False] * 3 + [True] * 2 + [False] + [True] * 2
+    assert found["result"].notna().tolist() == [kind in (0, 1, 2, 5) for kind in range(9)]
 
 
 @pytest.mark.parametrize(
@@ -119,16 +96,8 @@ def test_several_processes_with_one_thread_each():
 
 
 def test_a_function_that_cannot_travel_is_refused():
-    with pytest.raises(
-        ValueError,
-        match="other processes cannot import it; put it into a module, or use one worker",
-    ):
+    with pytest.raises(ValueError, match="other processes cannot import it; put it into a module"):
         sweep(lambda a: a, a=[1, 2], workers=2)
-
-
-def test_a_process_that_ends_ends_the_sweep():
-    with pytest.raises(ValueError, match="a worker process has ended abruptly"):
-        sweep(end_process, seed=range(3), workers=2)
 
 
 # --- engines, without a process or a cluster
@@ -148,13 +117,8 @@ def test_inline_a_failure_is_the_run_s_own_and_an_interruption_everyone_s():
 
 def test_without_dask_there_is_no_cluster(monkeypatch):
     monkeypatch.setitem(sys.modules, "dask.distributed", None)
-    with (
-        pytest.raises(
-            ValueError, match=r"needs the package dask\[distributed\] \(extra 'cluster'\)"
-        ),
-        engines.cluster("tcp://localhost:1", "sweep"),
-    ):
-        raise AssertionError
+    with pytest.raises(ValueError, match=r"needs the package dask.distributed. .extra 'cluster'"):
+        engines.cluster("tcp://localhost:1", "sweep").__enter__()
 
 
 @pytest.mark.parametrize(
@@ -207,11 +171,6 @@ def test_a_notebook_that_cannot_be_kept_is_a_refusal_and_its_run_is_not_done(tmp
             folder.add(1, DONE._replace(notebook="{}"))
         assert folder.done == {0: DONE}
         assert folder.kept() == 1
-
-
-def test_a_sweep_that_is_not_finished_has_no_table(tmp_path):
-    with SweepFolder(tmp_path / "s", IDENTITY, {}, {}) as folder:
-        folder.add(0, DONE)
     with pytest.raises(ValueError, match="s: the sweep is not finished; the command that began it"):
         read_sweep(tmp_path / "s")
 

@@ -11,8 +11,8 @@ import pytest
 from chapterruns import OTHER_PARAMETERS, SMALL
 from chapters import NOTEBOOKS, is_study
 from makenotebook import glued, make_notebook
-from processes import ended, started, wait_until
-from sweepcases import CASES, write
+from processes import ended, is_running, started, wait_until
+from sweepcases import CASES, UNREPEATABLE, write
 
 from workbench.browser.sweeps import SWEEPS
 from workbench.sweep import agreement, sweep
@@ -29,8 +29,6 @@ QUICK = [
     "await",
     "the same result twice",
 ]
-# differ from one whole run to the next
-UNREPEATABLE = ("global random numbers, no seed",)
 
 
 @pytest.fixture(autouse=True)
@@ -47,34 +45,32 @@ def results(table):
     return table.drop(columns=dropped).to_json(orient="records", double_precision=15)
 
 
-def check(tmp_path, cells):
-    """A sweep by tags gives the table of the whole runs, or refuses in one line."""
-    path = write(tmp_path / "n.ipynb", cells)
+def part(names, quick):
+    """All but the quick ones are heavy."""
+    heavy = pytest.mark.heavy
+    return [name if name in quick else pytest.param(name, marks=heavy) for name in names]
+
+
+@pytest.mark.parametrize("name", part(CASES, QUICK))
+def test_a_case_gives_the_whole_table_or_an_error_in_a_line(tmp_path, name):
+    path = write(tmp_path / "n.ipynb", CASES[name])
+    refusal = ""
     try:
         table = sweep(path, x=[1, 2], progress=False)
     except ValueError as error:
         refusal = str(error)
-    else:
-        whole = sweep(path, x=[1, 2], progress=False, whole=True)
-        assert results(table[list(whole.columns)]) == results(whole)
+    if refusal:
+        assert re.fullmatch(".*(code cell|as tagged).*", refusal)
         return
-    assert re.search("code cell|as tagged", refusal)
-    assert "\n" not in refusal
-
-
-@pytest.mark.parametrize("name", QUICK)
-def test_a_case_gives_the_whole_table_or_an_error(tmp_path, name):
-    check(tmp_path, CASES[name])
+    whole = sweep(path, x=[1, 2], progress=False, whole=True)
+    assert results(table[list(whole.columns)]) == results(whole)
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("name", [name for name in CASES if name not in QUICK])
-def test_every_case_gives_the_whole_table_or_an_error(tmp_path, name):
-    if name in UNREPEATABLE:
-        with pytest.raises(ValueError, match="as tagged"):
-            sweep(write(tmp_path / "n.ipynb", CASES[name]), x=[1, 2], progress=False)
-        return
-    check(tmp_path, CASES[name])
+def test_what_differs_from_one_whole_run_to_the_next_is_refused(tmp_path):
+    path = write(tmp_path / "n.ipynb", UNREPEATABLE)
+    with pytest.raises(ValueError, match="as tagged"):
+        sweep(path, x=[1, 2], progress=False)
 
 
 @pytest.mark.parametrize(
@@ -215,17 +211,11 @@ def test_what_changes_nothing_is_reported(tmp_path, caplog):
 # the chapters
 
 
-CHAPTERS = [
-    (name, SWEEPS[name].parameter if name in SWEEPS else next(iter(values)))
-    for name, values in OTHER_PARAMETERS.items()
-]
-FAST = [pair for pair in CHAPTERS if pair[0] == "12_force_feedback"]
-
-
-@pytest.mark.parametrize(("name", "swept"), FAST)
-def test_a_chapter_by_its_tags_gives_what_it_gives_whole(name, swept):
+@pytest.mark.parametrize("name", part(OTHER_PARAMETERS, ["12_force_feedback"]))
+def test_a_chapter_by_its_tags_gives_what_it_gives_whole(name):
     """In its small size, at other parameters."""
     path = NOTEBOOKS[[path.stem for path in NOTEBOOKS].index(name)]
+    swept = SWEEPS[name].parameter if name in SWEEPS else next(iter(OTHER_PARAMETERS[name]))
     notebook = read_notebook(path)
     plan = plan_cells(notebook, [swept])
     values = {**OTHER_PARAMETERS[name], **SMALL[name]}
@@ -238,12 +228,6 @@ def test_a_chapter_by_its_tags_gives_what_it_gives_whole(name, swept):
     assert whole.status == "ok", whole.error
     agreement.check_agreement(plan, tagged, whole)
     close_kernels(job.sweep)
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize(("name", "swept"), [pair for pair in CHAPTERS if pair not in FAST])
-def test_every_chapter_by_its_tags_gives_what_it_gives_whole(name, swept):
-    test_a_chapter_by_its_tags_gives_what_it_gives_whole(name, swept)
 
 
 @pytest.mark.parametrize("name", [path.stem for path in NOTEBOOKS if path.stem not in SWEEPS])
@@ -267,7 +251,7 @@ def test_a_sweep_that_is_killed_leaves_no_process(tmp_path):
         working = [int(word) for word in (tmp_path / "begun").read_text().split()]
         process.kill()
         ended(process)
-    wait_until(lambda: not any(map(psutil.pid_exists, working)))
+    wait_until(lambda: not any(map(is_running, working)))
 
 
 def state_of(path):

@@ -6,12 +6,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.slave import control, mapping
 from trinolab.slave.mapping import MappingParameters, Sample, State
-from workbench.studies.carrier import script
 from workbench.studies.fitts import DELAYS_S, fit, lag_models
 from workbench.sweep.notebook import run_notebook
 from workbench.teleop import operators
@@ -200,21 +198,3 @@ def test_the_page_runs_with_other_parameters():
     results = run_notebook(PAGE, changed).results
     assert results["scale"] == 2.0
     assert results["more_continuous"] > results["more_waiting"] > 0
-
-
-def test_means_are_over_the_operators_and_errors_over_all_trials():
-    """Four operators by hand: Student's interval of 1, 2, 3, 4 by the table, t = 3.18245."""
-    seeds = np.arange(4)
-    numbers = {"throughput_bit_s": 1.0 + seeds, "movement_s": 2.0, "moves": 3.0}
-    runs = pd.DataFrame({**numbers, "error_share": 0.1 * seeds})
-    row = script("fitts").over_operators(runs)
-    reach = 3.18245 * np.sqrt(5 / 3) / 2
-    assert (row["seeds"], row["trials"]) == (4, 4 * 10 * 9)
-    assert row["throughput_bit_s"] == 2.5
-    assert row["throughput_bit_s_low"] == pytest.approx(2.5 - reach, rel=1e-5)
-    assert row["throughput_bit_s_high"] == pytest.approx(2.5 + reach, rel=1e-5)
-    wilson = stats.binomtest(54, 360).proportion_ci(method="wilson")
-    assert row["error_share"] == pytest.approx(0.15)
-    assert (row["error_share_low"], row["error_share_high"]) == pytest.approx(
-        (wilson.low, wilson.high)
-    )

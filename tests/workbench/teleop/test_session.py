@@ -79,18 +79,6 @@ def test_a_second_of_lost_frames_holds_the_arm_still():
     assert np.ptp(at_rest, axis=0).max() < 0.01
 
 
-@pytest.mark.parametrize(
-    "rate", [5, *(pytest.param(rate, marks=pytest.mark.heavy) for rate in (17, 30, 60, 200))]
-)
-def test_any_rate_of_poses_keeps_the_limits(rate):
-    times = np.arange(1, 3 * rate) / rate
-    _, moments = run([Sample(t, swing(t), "measured", True) for t in times])
-    check_limits(moments)
-    assert all_ticks(moments, "t_s").size == pytest.approx(
-        (times[-1] - times[0]) / TICK_S, abs=len(times)
-    )
-
-
 def test_the_force_of_a_contact_is_read():
     times = np.arange(1, 91) / 30
     deep = MappingParameters(alignment=TO_BASE, reach_mm=((-850, 850), (-850, 850), (-20, 950)))

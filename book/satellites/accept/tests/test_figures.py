@@ -1,16 +1,13 @@
 """The figures of the data sheet show what they are given, with what was computed from it."""
 
 import numpy as np
-import pytest
 from matplotlib.colors import to_rgba
 from matplotlib.patches import Rectangle
 
 from satellites.accept.figures import (
     plot_allan,
     plot_control_chart,
-    plot_error_map,
     plot_explained,
-    plot_path,
 )
 from workbench.plotting.basics import COLOURS
 
@@ -35,22 +32,6 @@ def test_allan_deviations_of_all_places_are_their_rms_as_far_as_all_of_them_reac
     assert (ax.get_xscale(), ax.get_yscale(), ax.get_ylabel()) == ("log", "log", "deviation / mm")
 
 
-def test_a_map_of_errors_has_the_large_ones_on_top_and_a_scale_without_the_ends():
-    rng = np.random.default_rng(0)
-    places, errors = rng.normal(size=(200, 2)), rng.lognormal(size=200)
-    ax, bar = plot_error_map(places, errors, ("x / mm", "y / mm"), "error / mm").axes
-    (dots,) = ax.collections
-    order = np.argsort(errors)
-    np.testing.assert_array_equal(dots.get_offsets(), places[order])
-    np.testing.assert_array_equal(dots.get_array(), errors[order])
-    np.testing.assert_allclose(dots.get_clim(), np.quantile(errors, [0.02, 0.98]), rtol=1e-12)
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("x / mm", "y / mm")
-    assert bar.get_ylabel() == "error / mm"
-    ax, _ = plot_error_map(np.zeros((5, 2)), np.full(5, 0.3), ("x", "y"), "error").axes
-    low, high = ax.collections[0].get_clim()
-    assert low == 0.3 < high
-
-
 def test_shares_stand_in_their_cells_and_what_is_sure_has_a_frame():
     shares = np.array([[1.4, -3.0, 90.0], [20.0, 55.0, 0.0]])
     sure = np.array([[False, False, True], [False, True, False]])
@@ -62,18 +43,6 @@ def test_shares_stand_in_their_cells_and_what_is_sure_has_a_frame():
     frames = [patch for patch in ax.patches if isinstance(patch, Rectangle)]
     framed = {(round(one.get_x() + 0.46), round(one.get_y() + 0.46)) for one in frames}
     assert framed == {(2, 0), (1, 1)}
-
-
-def test_a_path_has_its_deviations_so_many_times_as_large():
-    points = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 10.0]])
-    off = np.array([[0.1, 0.0], [0.0, 0.2], [-0.1, 0.0]])
-    (ax,) = plot_path(points, off, 20.0).axes
-    (commanded,) = lines(ax, "black")
-    (tool,) = lines(ax, COLOURS[4])
-    np.testing.assert_array_equal(np.transpose(commanded), points)
-    np.testing.assert_allclose(np.transpose(tool), [[2, 0], [10, 4], [8, 10]], rtol=1e-12)
-    with pytest.raises(ValueError, match="off: expected shape"):
-        plot_path(points, off[:2], 20.0)
 
 
 def test_a_control_chart_has_its_intervals_the_first_as_a_band_and_names_for_ten_at_most():

@@ -14,7 +14,6 @@ from satellites.second import recipe
 from trinolab.datasets import load_handle, load_rig, load_sweep
 from trinolab.methods import BEST
 from trinolab.pose import LOST, Pose
-from workbench.studies.drawn_rigs import by_file
 from workbench.studies.replication import CHECKED, EVERY
 from workbench.studies.second_renderer import OURS, SECOND
 
@@ -93,16 +92,6 @@ def test_table_is_whole():
         assert (middle <= high * (1 + DIGITS)).all()
 
 
-def test_exact_rigs_have_the_rows_of_the_other_table():
-    """The same images and the same rigs, measured by another study."""
-    other = load_sweep("second_renderer").set_index(KEYS)
-    shared = TABLE[(TABLE["off_px"] == 0) & (TABLE["renderer"] != study.THIRD)]
-    for row in shared.to_dict("records"):
-        stored = other.loc[tuple(row[key] for key in KEYS)]
-        for name in ("n", "measured", "mean_mm", "mean_deg", "error_by_sigma_mm"):
-            assert row[name] == pytest.approx(stored[name], rel=DIGITS), name
-
-
 # the third set is printed as it is: it judges, and nothing may be asked of it
 CHOSEN = TABLE[TABLE["renderer"] != study.THIRD]
 
@@ -115,20 +104,6 @@ def test_nearly_all_is_measured_and_nothing_is_beyond_what_it_says():
     assert (TABLE["unforeseen"] == 0).all()
     best = CHOSEN[CHOSEN["estimator"].isin([CHECKED, BEST])]
     assert ((best["nees_low"] <= 8) & (best["nees_high"] >= 4.5)).all()
-
-
-def test_files_are_shown_by_what_they_are_off_by():
-    shown = by_file(TABLE, BEST, stated=False)
-    assert len(shown) == 2 * len(study.RIGS) * len(recipe.HANDLES)
-    stored = TABLE.query(
-        "estimator == @BEST and off_px == 0.3 and not stated and handle == 'paper'"
-    )
-    for rig in study.RIGS:
-        row = shown.loc[0.3, rig, "paper"]
-        mine = stored[stored["rig"] == rig].set_index("renderer")
-        assert row["NEES"] == mine["nees"][study.THIRD]
-        assert row["NEES, second"] == mine["nees"][SECOND]
-        assert row["by sigma, deg"] == mine["error_by_sigma_deg"][study.THIRD]
 
 
 @pytest.mark.heavy

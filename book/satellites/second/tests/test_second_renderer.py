@@ -1,8 +1,6 @@
 """The estimators on the second renderer's images: the shipped table, and how it is shown."""
 
 from itertools import product
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,9 +8,8 @@ import second_renderer as study
 from scipy.spatial.transform import RigidTransform
 
 from satellites.second import recipe
-from trinolab.datasets import load_handle, load_sweep
+from trinolab.datasets import load_sweep
 from trinolab.methods import BEST
-from trinolab.pose import LOST, Pose
 from workbench.studies.replication import EVERY, Deviation
 from workbench.studies.second_renderer import FILM, OURS, SECOND, side_by_side
 
@@ -110,27 +107,3 @@ def test_a_recording_is_rendered_once_for_each_recipe(tmp_path, monkeypatch):
 
 
 TRUTHS = [RigidTransform.from_translation([0.0, 0.0, z]) for z in (500.0, 600.0)]
-
-
-def test_the_film_s_poses_are_held_against_the_truth_of_their_frames(monkeypatch):
-    """Frames 4 and 7 of it, 1 mm off and lost."""
-    handle = load_handle("coded")
-    truths = dict(zip((4, 7), TRUTHS, strict=True))
-    near = Pose("measured", RigidTransform.from_translation([1.0, 0, 500.0]), np.eye(6), 0.1, 4, 2)
-
-    def track(instants, rig, of, how):
-        assert how.estimator == BEST
-        for frame, pose in ((4, near), (7, LOST)):
-            yield (
-                SimpleNamespace(frame=frame),
-                SimpleNamespace(measurement=SimpleNamespace(pose=pose)),
-            )
-
-    monkeypatch.setattr(study, "open_folder", lambda path: (SimpleNamespace(rig=None), handle))
-    monkeypatch.setattr(study, "read_poses", lambda path: path)
-    monkeypatch.setattr(study, "poses_by_frame", lambda path: truths)
-    monkeypatch.setattr(study, "instants", lambda recording: None)
-    monkeypatch.setattr(study, "track_instants", track)
-    first, second = study.followed(Path("film"))
-    assert (first.mm, first.deg) == (pytest.approx(1.0), pytest.approx(0.0, abs=1e-5))
-    assert not second.measured
