@@ -1,6 +1,5 @@
 """Each command's ``--help`` has one example, and each example runs: on the recording that the page of
-the commands makes, in one folder, in the order of the page. What they write a second time follows one
-rule: a file is replaced, a folder is not.
+the commands makes, in one folder, in the order of the page.
 
 What needs cameras, a board or a class gets a stand-in, and the commands that take minutes get little
 to do; the lines are those of the help.
@@ -36,8 +35,6 @@ AFTER = {
     "evaluate": ("track",),
     "bag": ("track", "teleop"),
 }
-# `--out` names a folder that is made; the others write a file, grow (accept, sweep), or write nothing
-FOLDERS = ("render", "capture", "refine", "teleop", "bag")
 
 
 def example(command):
@@ -263,36 +260,3 @@ def test_eq(ran):
 def test_clear(ran, monkeypatch, tmp_path):
     monkeypatch.setattr(rendering, "cache_folder", lambda: tmp_path)
     assert "no standard recording is kept" in ran("clear")
-
-
-# --- what is there already
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("command", FOLDERS)
-def test_a_folder_that_is_there_is_refused(ran, page, command, capfd):
-    """Whatever made it; nothing in it changes."""
-    (out,) = re.findall(r"--out (\S+)", example(command))
-    (page[0] / out).mkdir(exist_ok=True)
-    (page[0] / out / "mine.txt").write_text("kept")
-    line = example(command)
-    if command in ("refine", "bag"):
-        line = re.sub(r" --(poses|joints) \S+", "", line).replace("slow", "recording")
-    assert run(line) == 2
-    refused = capfd.readouterr().err
-    assert refused == (
-        f"trinolab {command}: {out}: exists already; name another folder, or remove it\n"
-    )
-    assert (page[0] / out / "mine.txt").read_text() == "kept"
-
-
-@pytest.mark.slow
-def test_a_file_that_is_there_is_replaced(ran, page):
-    (page[0] / "kit.pdf").write_text("another")
-    ran("kit")
-    assert (page[0] / "kit.pdf").read_bytes().startswith(b"%PDF")
-    (page[0] / "three.csv").write_text("another")
-    write_recording(page[0] / "three", (30, 31, 32))
-    for command in ("track", "measure"):
-        ran("again", f"{command} three --out three.csv")
-        assert len(read_poses(page[0] / "three.csv")) == 3

@@ -115,6 +115,14 @@ def test_inline_a_failure_is_the_run_s_own_and_an_interruption_everyone_s():
         engine.submit(stopped)
 
 
+def test_a_cluster_of_one_thread_computes_a_sweep():
+    dask = pytest.importorskip("dask.distributed", reason="the extra `cluster` is not installed")
+    one = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
+    with dask.LocalCluster(**one) as local, engines.cluster(local.scheduler_address) as engine:
+        found = sweep(pair, a=[1.0, 2.0], b=4, executor=engine.executor)
+    assert found["ratio"].tolist() == [0.25, 0.5]
+
+
 def test_without_dask_there_is_no_cluster(monkeypatch):
     monkeypatch.setitem(sys.modules, "dask.distributed", None)
     with pytest.raises(ValueError, match=r"needs the package dask.distributed. .extra 'cluster'"):

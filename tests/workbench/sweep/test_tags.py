@@ -21,14 +21,7 @@ from workbench.sweep.jobs import State, close_kernels, notebook_job, run_tagged,
 from workbench.sweep.notebook import read_notebook, read_parameters
 from workbench.sweep.outcome import LAST_COLUMNS
 
-QUICK = [
-    "append, then once",
-    "figure draws a random number",
-    "query once",
-    "closure that counts",
-    "await",
-    "the same result twice",
-]
+QUICK = ("append, then once", "figure draws a random number", "the same result twice")
 
 
 @pytest.fixture(autouse=True)
@@ -45,13 +38,10 @@ def results(table):
     return table.drop(columns=dropped).to_json(orient="records", double_precision=15)
 
 
-def part(names, quick):
-    """All but the quick ones are heavy."""
-    heavy = pytest.mark.heavy
-    return [name if name in quick else pytest.param(name, marks=heavy) for name in names]
-
-
-@pytest.mark.parametrize("name", part(CASES, QUICK))
+@pytest.mark.parametrize(
+    "name",
+    [name if name in QUICK else pytest.param(name, marks=pytest.mark.heavy) for name in CASES],
+)
 def test_a_case_gives_the_whole_table_or_an_error_in_a_line(tmp_path, name):
     path = write(tmp_path / "n.ipynb", CASES[name])
     refusal = ""
@@ -211,7 +201,8 @@ def test_what_changes_nothing_is_reported(tmp_path, caplog):
 # the chapters
 
 
-@pytest.mark.parametrize("name", part(OTHER_PARAMETERS, ["12_force_feedback"]))
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", OTHER_PARAMETERS)
 def test_a_chapter_by_its_tags_gives_what_it_gives_whole(name):
     """In its small size, at other parameters."""
     path = NOTEBOOKS[[path.stem for path in NOTEBOOKS].index(name)]

@@ -17,7 +17,7 @@ from sheetrows import pointer_rows, rows_of, setup, static_rows
 
 from satellites.accept import command, history, pointer, renew, rest, sheet, static, work
 from satellites.accept.command import accept, as_lines
-from satellites.accept.numbers import CLOCK, LARGEST, OWN, Answer, Number, far_count, share
+from satellites.accept.numbers import CLOCK, OWN, Answer, Number, far_count, share
 from satellites.accept.sheet import Sheet, contents, digits, read_sheet
 from satellites.accept.work import Source
 from trinolab.datasets import data_path, load_sweep
@@ -176,17 +176,6 @@ def test_page_shows_the_other_renderer_and_the_limits(made):
         assert all(digits(value) in face for value in values if isinstance(value, float))
 
 
-def test_a_sheet_begins_with_what_a_user_gets_and_the_latency_and_its_worst():
-    _, numbers = read_sheet(data_path("accept", "raised_40deg.json"))
-    first = [(called, quantity) for _, called, quantity, _ in sheet.glance(numbers)][:6]
-    age = "age of a pose when it is there"
-    own = "With a calibration of your own"
-    assert first == [
-        *((own, f"{kind}: expanded, U = 2 u, rms") for kind in ("depth", "across", "rotation")),
-        *(("Latency", f"{age}, {statistic}") for statistic in ("median", "99 %", LARGEST)),
-    ]
-
-
 def test_readme_shows_the_shipped_sheet():
     """Each row: a name, value with unit, interval, n; the unit and n tell which number it is."""
     _, numbers = read_sheet(data_path("accept", "raised_40deg.json"))
@@ -222,20 +211,6 @@ def test_chart_grows_by_a_sheet(made, tmp_path):
         process = ["raised_40deg", "coded", 64, 0]
         process[k] = other
         assert history.charts(again, *process) == []
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [("a,b\n1,2\n", "'date' is missing"), (None, "'value' holds something that is no number")],
-)
-def test_what_is_no_chart_is_refused(made, tmp_path, text, message):
-    path = tmp_path / "chart.csv"
-    if text is None:
-        text = rows(made[0]).assign(value="much").to_csv(index=False)
-    path.write_text(text)
-    with pytest.raises(ValueError, match=message):
-        history.extend(path, rows(made[0]))
-    assert path.read_text() == text
 
 
 # --- the work that is kept

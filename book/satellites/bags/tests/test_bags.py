@@ -2,18 +2,15 @@
 
 import re
 import shutil
-import signal
 import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from shlex import quote
 
 import numpy as np
 import pandas as pd
 import pytest
 from healthy import run
-from processes import started, wait_until
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from satellites.bags.bags import ENCODINGS, unpack_bag, write_bag
@@ -27,25 +24,11 @@ from trinolab.files.outputs import table_text
 from trinolab.files.poses import pose_table, write_poses
 from trinolab.files.recording import open_folder
 from trinolab.files.rigs import handle_text, read_rig, write_handle, write_rig
-from trinolab.following import posetracker
 from trinolab.pose import LOST, Pose
 from workbench.cli import main
 
 rosbags = pytest.importorskip("rosbags.rosbag2", reason="extra ros is not installed")
 
-# A bag that is begun, and never ready.
-ENDLESS = """
-import sys, time
-from satellites.bags import bags
-from workbench.cli import main
-
-def write(messages, place, ros):
-    place.mkdir(parents=True)
-    time.sleep(900)
-
-bags._write = write
-sys.exit(main(sys.argv[1:]))
-"""
 RIG = paper_rig(40.0)
 CODED = load_handle("coded")
 COUNT, FPS = 3, 30
@@ -223,24 +206,6 @@ def test_track_reads_a_bag(bag, folder, tmp_path):
     silent.unlink()
     left = {path.suffix for path in tmp_path.iterdir()}
     assert left == {".csv", ".tum"}  # what was unpacked is gone
-
-
-def test_an_interrupted_track_of_a_bag_leaves_nothing_and_begins_anew(bag, tmp_path, monkeypatch):
-    out = tmp_path / "p.csv"
-    real, calls = posetracker.step, []
-
-    def step(*arguments):
-        calls.append(1)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-        return real(*arguments)
-
-    monkeypatch.setattr(posetracker, "step", step)
-    assert main(["track", str(bag), "--out", str(out)]) == 130
-    assert not list(tmp_path.iterdir())
-    assert main(["track", str(bag), "--out", str(out)]) == 0
-    assert {path.name for path in tmp_path.iterdir()} == {"p.csv", "p.tum"}
-    assert len(pd.read_csv(out)) == COUNT
 
 
 def stamped(ros, time_ns, frame):
@@ -515,11 +480,3 @@ def test_without_the_extra_a_line_names_it(folder, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     with pytest.raises(ValueError, match=r"pip install 'trinolab\[ros\]'"):
         write_bag(folder, tmp_path / "bag")
-
-
-def test_asked_to_end_it_leaves_nothing(folder, tmp_path):
-    with started(f"bag {quote(str(folder))} --out b", ENDLESS, cwd=tmp_path) as process:
-        wait_until(lambda: (tmp_path / ".b.partial" / "b").is_dir(), process)
-        process.send_signal(signal.SIGTERM)
-    assert process.returncode == 128 + signal.SIGTERM
-    assert list(tmp_path.iterdir()) == []

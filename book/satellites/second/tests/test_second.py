@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from satellites.second import frames, pathtracing, recipe, shapes
 from satellites.second.pathtracing import Window, traced
-from satellites.second.room import Room, Texture, glove, handle_pieces
+from satellites.second.room import Room, Texture, handle_pieces
 from trinolab.bench.scene import scaled
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
@@ -196,32 +196,6 @@ def test_the_third_set_shares_no_pose_and_no_light_with_the_second():
         assert stills.room.seed != third.room.seed
         assert stills.room.lamp / stills.room.second_lamp > 1
         assert third.room.lamp / third.room.second_lamp < 1
-
-
-def test_random_poses_can_be_measured_by_the_pair():
-    """Four markers within 62 deg of both cameras, and across the line of sight by 30 deg or less."""
-    for name in recipe.HANDLES:
-        shooting = recipe.stills(name)
-        for T in (*shooting.truth[20:], *recipe.third_set(name).truth):
-            both = set(facing(shooting.rig.cameras[0], shooting.handle, T, 62)) & set(
-                facing(shooting.rig.cameras[1], shooting.handle, T, 62)
-            )
-            assert len(both) >= 4
-            assert abs(T.rotation.as_matrix()[2, 1]) <= np.sin(np.deg2rad(30)) + 1e-9
-        again = recipe.stills(name)
-        np.testing.assert_array_equal(again.truth.as_matrix(), shooting.truth.as_matrix())
-
-
-def test_the_glove_hides_no_marker_of_the_film():
-    """Its image stays a marker's radius and more away from all that a camera sees of markers."""
-    film = recipe.film()
-    for T in film.truth[::4]:
-        hand = np.concatenate([piece.mesh.points for piece in glove(T).values()])
-        for camera in film.rig.cameras:
-            seen = facing(camera, film.handle, T, 80)
-            markers = camera.project(T.apply(film.handle.marker_centres[seen]))
-            apart = np.linalg.norm(camera.project(hand)[:, None] - markers, axis=2)
-            assert apart.min() > 20  # px; a marker's radius is 8
 
 
 def tiny():
