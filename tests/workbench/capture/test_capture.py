@@ -1,5 +1,6 @@
 """Recording from cameras: videos in their place, and devices that fail in every way."""
 
+import re
 import shutil
 import signal
 import threading
@@ -286,17 +287,6 @@ def test_what_does_not_fit_leaves_no_folder(cameras, folder, images):
         assert sorted(folder.rglob("*")) == before, message
 
 
-def test_a_folder_that_another_process_makes_meanwhile_is_left_alone(cameras, tmp_path):
-    other = tmp_path / "r.partial" / "images" / "ccd1"
-    # with the first instant, before there is a folder
-    cameras[0].at[1] = lambda: other.mkdir(parents=True)
-    with pytest.raises(
-        ValueError, match=r"r\.partial: an unfinished recording; keep it by another name"
-    ):
-        capture(TWO, tmp_path / "r")
-    assert list((tmp_path / "r.partial").rglob("*")) == [tmp_path / "r.partial" / "images", other]
-
-
 FULL = OSError(28, "No space left on device")
 
 
@@ -430,24 +420,21 @@ def test_a_camera_that_cannot_be_opened_is_answered_by_those_that_are_there(tmp_
     monkeypatch.setattr(devices, "open_index", lambda _: Closed())
     monkeypatch.setattr(devices, "DEVICES", tmp_path / "dev")
     monkeypatch.setattr(devices, "ABOUT", tmp_path / "none")
-    with pytest.raises(ValueError, match=r"a: camera 7 cannot be opened .*--list tries all$"):
-        open_source("a", "7")
+
+    def refusal():
+        with pytest.raises(ValueError, match="a: camera 7 cannot be opened") as caught:
+            open_source("a", "7")
+        return str(caught.value)
+
+    assert refusal().endswith("--list tries all")
     monkeypatch.setattr(devices, "ABOUT", tmp_path)
-    with pytest.raises(ValueError, match=r"\(there is no .*video7\); this computer has no camera$"):
-        open_source("a", "7")
+    assert re.search(r"\(there is no .*video7\); this computer has no camera$", refusal())
     (tmp_path / "video2").mkdir()
     (tmp_path / "dev").mkdir()
     (tmp_path / "dev" / "video7").touch()
-    with pytest.raises(
-        ValueError,
-        match=r"\(another program uses it, or it is no camera\); there are 2 \(no name\)$",
-    ):
-        open_source("a", "7")
+    assert re.search(r"\(another program uses it, .*\); there are 2 \(no name\)$", refusal())
     monkeypatch.setattr(devices.os, "access", lambda *_: False)
-    with pytest.raises(
-        ValueError, match=r"\(no permission for .*video7; its users are in the group"
-    ):
-        open_source("a", "7")
+    assert "its users are in the group" in refusal()
 
 
 def test_control_c_ends_the_command_normally(folder):

@@ -122,30 +122,6 @@ def test_a_coded_handle_needs_no_prior_and_the_best_method_measures_to_hundredth
     assert (best["sigma_mm"] < 0.02).all()
 
 
-def test_bad_input_is_refused_before_anything_is_measured(recording, tmp_path, monkeypatch):
-    monkeypatch.setattr(measure_command, "measure", None)
-    out = tmp_path / "p.csv"
-    (tmp_path / "bad.csv").write_text("frame\n0\n")
-    write_poses(
-        truth_table(load_table1().set_poses[:2]).assign(frame=[3, 4]), tmp_path / "late.csv"
-    )
-    good = {"rig": RIG, "handle": HANDLE, "images": recording / "images", "out": out}
-    for wrong, message in (
-        ({"rig": tmp_path / "no.toml"}, r"no\.toml: cannot be read"),
-        ({"rig": HANDLE}, r"paper\.toml: is a handle's file"),
-        ({"images": recording}, "ccd1: no such folder"),
-        ({"out": tmp_path / "bad.csv" / "p.csv"}, "no such folder to write into"),
-        ({"out": tmp_path}, "cannot be written"),
-        ({"method": "weighted"}, "method: 'weighted' is gone, take reprojection"),
-        ({"method": "best", "check": True}, "check: only the estimator paper has it"),
-        ({"prior": tmp_path / "bad.csv"}, r"bad\.csv: column 'x_mm' is missing"),
-        ({"prior": tmp_path / "late.csv"}, r"late\.csv: no frame in common with the images"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            measure_folder(**{**good, **wrong}, progress=False)
-    assert not out.exists()
-
-
 def test_an_interruption_writes_nothing(recording, tmp_path, monkeypatch):
     count = iter(range(3))
 
