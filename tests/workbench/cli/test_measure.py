@@ -14,7 +14,6 @@ from trinolab.files.poses import POSE_COLUMNS, read_poses, transforms, truth_tab
 from trinolab.measurement import Measurement
 from trinolab.metrics import geodesic_deg, nearest_equivalent, position_errors
 from trinolab.pose import LOST
-from workbench.cli import measure as measure_command
 from workbench.cli.measure import measure_folder
 from workbench.studies.replication import replicate, replication_errors
 
@@ -54,8 +53,19 @@ def coded(tmp_path_factory):
     return record(tmp_path_factory.mktemp("coded"), "coded", ROWS[1:], NAMES[1:])
 
 
-def test_without_a_prior_poses_are_ambiguous_and_in_the_order_of_names(recording, tmp_path):
-    table = measure_folder(RIG, HANDLE, recording / "images", tmp_path / "p.csv", progress=False)
+@pytest.fixture
+def measured(recording, tmp_path):
+    """Measure the recording, or another one, with options."""
+
+    def of(folder=recording, handle=HANDLE, **options):
+        out = tmp_path / "p.csv"
+        return measure_folder(RIG, handle, folder / "images", out, progress=False, **options)
+
+    return of
+
+
+def test_without_a_prior_poses_are_ambiguous_and_in_the_order_of_names(measured):
+    table = measured()
     assert list(table["status"]) == ["ambiguous"] * 3
     assert list(table["frame"]) == [0, 1, 2]
     truth, found = load_table1().set_poses[ROWS], transforms(table)
@@ -64,51 +74,33 @@ def test_without_a_prior_poses_are_ambiguous_and_in_the_order_of_names(recording
     assert geodesic_deg(turned, truth).max() < WORST_DEG
 
 
-def test_with_a_prior_poses_are_measured_and_written(recording, tmp_path):
-    table = measure_folder(
-        RIG,
-        HANDLE,
-        recording / "images",
-        tmp_path / "p.csv",
-        prior=recording / "truth.csv",
-        progress=False,
-    )
+def test_with_a_prior_poses_are_measured_and_written(measured, recording, tmp_path):
+    table = measured(prior=recording / "truth.csv")
     assert list(table["status"]) == ["measured"] * 3
     assert geodesic_deg(transforms(table), load_table1().set_poses[ROWS]).max() < WORST_DEG
     assert (table["sigma_mm"] > 0).all()
     assert (table["markers"] >= 4).all()
     written = read_poses(tmp_path / "p.csv")
     assert tuple(written.columns) == POSE_COLUMNS
-    assert np.allclose(
-        transforms(written).as_matrix(), transforms(table).as_matrix(), rtol=1e-8, atol=1e-8
-    )
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["p.csv"]
+    both = [transforms(one).as_matrix() for one in (written, table)]
+    assert np.allclose(*both, rtol=1e-8, atol=1e-8)
+    assert [path.name for path in tmp_path.iterdir()] == ["p.csv"]
 
 
-def test_prior_is_joined_on_frame_and_chooses_the_equivalent(recording, tmp_path):
-    turned = load_table1().set_poses[ROWS[2]] * load_handle("paper").symmetries[3]
+def test_prior_is_joined_on_frame_and_chooses_the_equivalent(measured, tmp_path):
+    turned = load_table1().set_poses[ROWS[2:]] * load_handle("paper").symmetries[3]
     # a longer file has poses of other frames, too
     prior = truth_table(RigidTransform.concatenate([turned] * 2)).assign(frame=[2, 99])
     write_poses(prior, tmp_path / "prior.csv")
-    table = measure_folder(
-        RIG,
-        HANDLE,
-        recording / "images",
-        tmp_path / "p.csv",
-        prior=tmp_path / "prior.csv",
-        progress=False,
-    )
+    table = measured(prior=tmp_path / "prior.csv")
     assert list(table["status"]) == ["ambiguous", "ambiguous", "measured"]
-    found = RigidTransform.concatenate([transforms(table)[2]])
-    assert geodesic_deg(found, RigidTransform.concatenate([turned])).max() < WORST_DEG
+    assert geodesic_deg(transforms(table)[2:], turned).max() < WORST_DEG
 
 
-def test_a_coded_handle_needs_no_prior_and_the_best_method_measures_to_hundredths(coded, tmp_path):
+def test_a_coded_handle_needs_no_prior_and_the_best_method_measures_to_hundredths(measured, coded):
     """A checked pose is the paper's with another covariance."""
     plain, checked, best = (
-        measure_folder(
-            RIG, CODED, coded / "images", tmp_path / "p.csv", method, progress=False, check=check
-        )
+        measured(coded, CODED, method=method, check=check)
         for method, check in (("paper", False), ("paper", True), ("best", False))
     )
     truth = load_table1().set_poses[ROWS[1:]]
@@ -120,22 +112,6 @@ def test_a_coded_handle_needs_no_prior_and_the_best_method_measures_to_hundredth
     assert position_errors(transforms(best), truth).max() < 0.04
     assert geodesic_deg(transforms(best), truth).max() < 0.3
     assert (best["sigma_mm"] < 0.02).all()
-
-
-def test_an_interruption_writes_nothing(recording, tmp_path, monkeypatch):
-    count = iter(range(3))
-
-    def interrupted(*_, **__):
-        if next(count) == 1:
-            raise KeyboardInterrupt
-        return Measurement(LOST, (), ())
-
-    monkeypatch.setattr(measure_command, "measure", interrupted)
-    (tmp_path / "p.csv").write_text("old")
-    with pytest.raises(KeyboardInterrupt):
-        measure_folder(RIG, HANDLE, recording / "images", tmp_path / "p.csv", progress=False)
-    assert (tmp_path / "p.csv").read_text() == "old"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["p.csv"]
 
 
 # --- the replication

@@ -7,7 +7,7 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
-from unittest.mock import Mock
+from unittest.mock import DEFAULT, Mock
 
 import numpy as np
 import pandas as pd
@@ -19,7 +19,6 @@ from satellites.accept import command, history, pointer, renew, rest, sheet, sta
 from satellites.accept.command import accept, as_lines
 from satellites.accept.numbers import CLOCK, OWN, Answer, Number, far_count, share
 from satellites.accept.sheet import Sheet, contents, digits, read_sheet
-from satellites.accept.work import Source
 from trinolab.datasets import data_path, load_sweep
 from trinolab.files.journal import locked
 from trinolab.files.poses import read_poses
@@ -129,11 +128,8 @@ def test_table_has_a_row_a_number(made):
 
 
 def test_json_is_read_back(made, tmp_path):
-    def refuse(name):
-        raise AssertionError(f"{name} is no JSON")
-
     text = made[1][sheet.NUMBERS]
-    json.loads(text, parse_constant=refuse)
+    json.loads(text, parse_constant=Mock(side_effect=AssertionError))  # NaN is no JSON
     path = tmp_path / "sheet.json"
     path.write_text(text, encoding="utf-8")
     about, numbers = read_sheet(path)
@@ -164,12 +160,8 @@ def test_page_shows_the_other_renderer_and_the_limits(made):
     assert digits(shown["mm"].iloc[0]) in text
     for fault in FAULTS:
         assert text.count(fault) >= 2  # with two cameras, and with three
-    (row,) = (
-        by_fault(load_sweep("stress"), "paper_pair", BEST)
-        .query("fault == 'JPEG 60'")
-        .to_dict("records")
-    )
-    assert digits(row["mm"]) in text
+    faults = by_fault(load_sweep("stress"), "paper_pair", BEST).set_index("fault")
+    assert digits(faults["mm"]["JPEG 60"]) in text
     face = text.split("What these numbers are.")[0]
     for name, *values in by_film(load_sweep("instant_films")).reset_index().values.tolist():
         assert str(name) in face
@@ -213,16 +205,6 @@ def test_chart_grows_by_a_sheet(made, tmp_path):
         assert history.charts(again, *process) == []
 
 
-# --- the work that is kept
-
-
-def test_parts_belong_to_files_size_and_seed():
-    source = Source(str(RIG), str(HANDLE), 8, 0)
-    other = str(data_path("handles", "paper.toml"))
-    changes = {}, {"poses": 9}, {"seed": 1}, {"handle": other}
-    assert len({str(source._replace(**change).made_from) for change in changes}) == 4
-
-
 # --- the command
 
 
@@ -231,7 +213,6 @@ def quick(monkeypatch):
     """The command with one test, which takes no time."""
     rng = np.random.default_rng(0)
     found = static_rows(setup(poses=8), np.full((8, 6), 1e-4))
-
     at_rest = rows_of([rest.places(setup())[0]] * 12, 1e-4 * rng.normal(size=(12, 6)))
     tests = {
         "A1": SimpleNamespace(**vars(rest) | {"parts": lambda s: 1, "run": lambda s, k: at_rest}),
@@ -265,25 +246,16 @@ def test_command_writes_the_sheet(quick, tmp_path):
     assert "Not run: rig: no room." in (tmp_path / "other" / "index.html").read_text()
 
 
-def test_an_interruption_says_how_many_parts_are_kept(quick, tmp_path, monkeypatch):
+def test_an_interruption_says_how_many_parts_are_kept(quick, tmp_path):
     """The second part of A2 is interrupted; A1 has one part, and A2's first is kept."""
-    found = work.TESTS["A2"].run
-
-    def run(setup, k):
-        if k:
-            raise KeyboardInterrupt
-        return found(setup, k)
-
-    monkeypatch.setattr(work.TESTS["A2"], "run", run)
+    real = work.TESTS["A2"].run
+    work.TESTS["A2"].run = Mock(wraps=real, side_effect=[DEFAULT, KeyboardInterrupt])
     with pytest.raises(KeyboardInterrupt, match=r"^2 of 3 runs are kept in .*; the same command"):
         accept(RIG, HANDLE, tmp_path / "out", poses=8, workers=1)
     assert not (tmp_path / "out" / "index.html").exists()
     kept = command.sheet_folder(tmp_path / "out", []) / command.KEPT
     with locked(kept), pytest.raises(ValueError, match="another process works on it"):
         accept(RIG, HANDLE, tmp_path / "out", poses=8, workers=1)
-
-
-# --- counts
 
 
 # --- recordings
