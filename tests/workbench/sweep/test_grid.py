@@ -81,6 +81,7 @@ def test_a_file_has_a_row_a_setting(tmp_path):
         "name, threshold, wide\npaper, 0.5, true\n\"'a, b'\", 1, false\n"
     )
     assert runs([]) == [{}]
+    assert runs([], sample=2) == [{}, {}]
     axes = parse([f"@{tmp_path / 'runs.csv'}", "seed=0,1"])
     assert runs(axes) == [
         {"name": "paper", "threshold": 0.5, "wide": True, "seed": 0},
