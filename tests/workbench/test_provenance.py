@@ -10,10 +10,9 @@ import nbformat
 import pytest
 
 from workbench import imports, provenance
-from workbench.imports import files_of_module, imported_files
+from workbench.imports import imported_files
 from workbench.provenance import (
     made_from_function,
-    made_from_module,
     made_from_notebook,
 )
 
@@ -158,17 +157,6 @@ def test_all_that_a_chapter_loads_is_among_its_imports(chapter):
     assert len(loaded) > 20
     assert loaded <= found
     assert len(found) < len(imports.our_files()) * 0.7  # others do not make it stale
-
-
-def test_a_board_is_made_from_what_it_computes_and_not_from_the_commands():
-    files = {path.stem for path in files_of_module("workbench.studies.scoreboard")}
-    assert {"triangulation", "checks", "ledger"} <= files
-    assert not files & {"kit", "server", "submissions"}
-    board, commands = (
-        made_from_module(f"workbench.{name}")["the package"]
-        for name in ("studies.scoreboard", "cli")
-    )
-    assert board != commands
 
 
 def test_the_commit_is_that_of_the_checkout_with_a_plus_if_files_have_changed(

@@ -108,8 +108,7 @@ def test_the_one_example_of_a_help_parses_and_is_tested_here(command):
 @pytest.mark.slow
 @pytest.mark.parametrize("command", EXAMPLES)
 def test_an_example_says_what_it_has_made(command, ran, page, monkeypatch, tmp_path):
-    """Without the arm's test, which takes minutes, with one claim, and nothing in the cache to clear.
-    """
+    """Without the arm's test, which takes minutes, with one claim, and nothing in the cache to clear."""
     for package in NEEDS.get(command, ()):
         pytest.importorskip(package, reason=f"{package} is not installed")
     monkeypatch.setattr(arm, "why_not", lambda: "it takes minutes")

@@ -86,10 +86,6 @@ def test_table_is_whole():
     assert set(TABLE["n"][exact]) == {20 + recipe.RANDOM_POSES, recipe.THIRD_POSES}
     assert TABLE["n"][~exact].nunique() == 1
     assert TABLE["n"][~exact].min() >= 100
-    for name in ("nees{}", "error_by_sigma{}_mm", "error_by_sigma{}_deg"):
-        low, middle, high = (TABLE[name.format(end)] for end in ("_low", "", "_high"))
-        assert (low <= middle * (1 + DIGITS)).all()
-        assert (middle <= high * (1 + DIGITS)).all()
 
 
 # the third set is printed as it is: it judges, and nothing may be asked of it
