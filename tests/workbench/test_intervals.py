@@ -16,6 +16,7 @@ from workbench.intervals import (
     of_series,
     of_share,
     of_slope,
+    of_student,
     rms,
 )
 
@@ -111,6 +112,13 @@ def test_bootstrap_against_another_program():
     rows = np.column_stack([np.arange(10.0), -np.arange(10.0)])
     assert by_bootstrap(rows, lambda chosen: float(chosen.sum()))[:2] == (0.0, 0.0)
     assert by_bootstrap([3.0], np.mean) == intervals.NONE
+
+
+def test_student_by_the_table():
+    """Of 1, 2, 3, 4: t of three degrees of freedom is 3.18245."""
+    reach = 3.18245 * np.sqrt(5 / 3) / 2
+    assert of_student([1, 2, 3, 4])[:2] == pytest.approx((2.5 - reach, 2.5 + reach), rel=1e-5)
+    assert of_student([1.0]) == intervals.NONE
 
 
 def test_slope_against_another_solution():
