@@ -549,6 +549,7 @@ def test_numbers_of_five_poses_by_hand(monkeypatch):
     ]
     assert [one.value for one in found] == pytest.approx([0.2, 0.1, 0.5], rel=1e-9)
     assert all(one.low <= one.value for one in found)
+    monkeypatch.setattr(intervals, "RESAMPLES", 3)  # of a path they take long
     path = arm.path_numbers(setup(), "circle", trial_of("circle", 0.3))
     (accuracy, repeatability), picture = path
     assert accuracy.value == pytest.approx(0.3, abs=1e-3)
