@@ -9,8 +9,6 @@ after each of its instants. How the times of all instants of the standard motion
     python tests/benchmarks/bench_track.py
 """
 
-from dataclasses import replace
-
 import clock
 import numpy as np
 from bench_measure import HANDLE, RIG, errors, opencv_chain
@@ -62,7 +60,7 @@ def main() -> int:
     truths = list(human_motion(np.random.default_rng(3), np.arange(COUNT) / FPS))
     for cameras, contrast in ((3, 0.15), (2, 0.15), (3, 0.0)):
         print(f"{cameras} cameras, {'textured' if contrast else 'flat'} background")
-        rig = replace(RIG, cameras=RIG.cameras[:cameras])
+        rig = RIG.part(range(cameras))
         bench = Bench(texture_contrast=contrast)
         frames = list(render_clip(rig, HANDLE, truths, bench, np.random.default_rng(0), Arm()))
         if cameras == 3:
