@@ -53,6 +53,16 @@ def wait_until(seen, process=None):
     return found
 
 
+def is_running(pid):
+    """Whether a process goes on; one that has ended may wait for somebody to ask how."""
+    import psutil  # where no process is asked about it need not be there
+
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
 def open_gate():
     """Let the processes go on that wait for it."""
     Path(GATE).touch()
