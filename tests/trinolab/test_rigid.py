@@ -8,6 +8,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.rigid import (
+    apart,
     left_jacobian,
     motion_between,
     placed,
@@ -33,30 +34,37 @@ def test_rotation_vectors_and_matrices_are_scipy_s(angle):
         assert np.abs(theirs.as_quat(canonical=True) - [*xyz, w]).max() < 4e-15
 
 
-def test_half_a_turn_has_one_of_its_two_axes():
-    for axis in np.eye(3):
-        R = Rotation.from_rotvec(np.pi * axis).as_matrix()
-        assert np.abs(np.abs(rotation_vector(R)) - np.pi * axis).max() < 4e-15
+@pytest.mark.parametrize("axis", np.eye(3))
+def test_half_a_turn_has_one_of_its_two_axes(axis):
+    R = Rotation.from_rotvec(np.pi * axis).as_matrix()
+    assert np.abs(np.abs(rotation_vector(R)) - np.pi * axis).max() < 4e-15
 
 
 def test_what_lies_between_two_poses_leads_from_one_to_the_other():
     rng = np.random.default_rng(1)
     for _ in range(50):
-        a, b = (
-            RigidTransform.from_components(500 * rng.standard_normal(3), Rotation.random(rng=rng))
-            for _ in range(2)
-        )
+        turns = Rotation.random(2, rng=rng)
+        a, b = RigidTransform.from_components(500 * rng.standard_normal((2, 3)), turns)
         again = shifted(b, motion_between(a, b))
         assert np.abs(again.as_matrix() - a.as_matrix()).max() < 1e-12
         theirs = (a.rotation * b.rotation.inv()).as_rotvec()
         assert np.abs(motion_between(a, b)[3:] - theirs).max() < 1e-14
 
 
+@pytest.mark.parametrize(
+    ("mm", "rad", "expected"),
+    [(0.9, 0.09, False), (1.1, 0.0, True), (0.0, 0.11, True), (1.0, 0.0, False)],
+)
+def test_poses_are_apart_by_a_distance_or_an_angle(mm, rad, expected):
+    a = RigidTransform.from_components([mm, 0, 0], Rotation.from_rotvec([0, 0, rad]))
+    assert apart(a, RigidTransform.identity(), 1.0, 0.1) == expected
+
+
 @pytest.mark.slow
 def test_rounding_does_not_add_up_over_many_ticks():
     rng = np.random.default_rng(1)
     T = RigidTransform.identity()
-    for _ in range(20_000):
+    for _ in range(4000):
         T = shifted(T, 1e-2 * rng.standard_normal(6))
     R = rotation_of(T)
     assert np.abs(R @ R.T - np.eye(3)).max() < 1e-15
