@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from trinolab.lens import distort, undistort
+from trinolab.lens import distort, project_with_slopes, undistort
 
 LENSES = {
     "none": [0, 0, 0, 0, 0],
@@ -52,6 +52,23 @@ def test_points_beyond_the_fold_have_no_image(lens, radius2):
     assert np.isnan(out[1:]).all()
     if len(k) == 5:  # beyond the largest image radius
         assert np.isnan(undistort(1.01 * out[:1], k)).all()
+
+
+@pytest.mark.parametrize("name", ["all", "rational"])
+def test_slopes_of_projected_points_against_differences(name):
+    lens = np.array([800.0, 700, 300, 250, *LENSES[name]])
+    local = np.random.default_rng(1).uniform([-100, -100, 350], [100, 100, 450], (20, 3))
+    _, by_lens, by_local = project_with_slopes(lens, local)
+    for k, move in enumerate(1e-5 * np.eye(len(lens))):
+        slope = (
+            project_with_slopes(lens + move, local)[0] - project_with_slopes(lens - move, local)[0]
+        )
+        np.testing.assert_allclose(by_lens[..., k], slope / 2e-5, rtol=1e-6, atol=1e-6)
+    for k, move in enumerate(1e-3 * np.eye(3)):
+        slope = (
+            project_with_slopes(lens, local + move)[0] - project_with_slopes(lens, local - move)[0]
+        )
+        np.testing.assert_allclose(by_local[..., k], slope / 2e-3, rtol=1e-6, atol=1e-6)
 
 
 def test_five_coefficients_are_eight_of_which_the_last_are_zero():
