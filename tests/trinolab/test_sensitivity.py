@@ -41,22 +41,18 @@ STEPS = np.array([0.1] * 4 + [1e-2] * 2 + [1e-3] * 2 + [1e-1] + [3e-5] * 3 + [0.
 
 
 @pytest.mark.parametrize("rational", [False, True])
-@pytest.mark.parametrize("c", range(3))
-def test_pixels_move_with_the_rig_as_the_slopes_say(c, rational):
-    points = POSE.apply(CODED.marker_centres)
+def test_pixels_move_with_the_rig_as_the_slopes_say(rational):
+    c, points = 1, POSE.apply(CODED.marker_centres)
     lens = [*BENT, 0.3, 0.1, 0.02] if rational else BENT
     rig = replace(RIG, cameras=tuple(replace(one, distortions=lens) for one in RIG.cameras))
     steps = np.insert(STEPS, 9, [1e-2, 1e-2, 1e-1]) if rational else STEPS
     by_parameters, by_points = pixel_slopes(rig.cameras[c], points)
     for k, step in enumerate(steps):
-        delta = np.zeros(3 * len(steps))
-        delta[len(steps) * c + k] = step
+        delta = step * np.eye(3 * len(steps))[len(steps) * c + k]
         ahead, behind = (displaced(rig, s * delta).cameras[c].project(points) for s in (1, -1))
-        np.testing.assert_allclose(
-            by_parameters[..., k], (ahead - behind) / (2 * step), rtol=1e-5, atol=1e-8
-        )
-    for k in range(3):
-        shift = 0.01 * np.eye(3)[k]
+        slope = (ahead - behind) / (2 * step)
+        np.testing.assert_allclose(by_parameters[..., k], slope, rtol=1e-5, atol=1e-8)
+    for k, shift in enumerate(0.01 * np.eye(3)):
         ahead, behind = (rig.cameras[c].project(points + s * shift) for s in (1, -1))
         np.testing.assert_allclose(by_points[..., k], (ahead - behind) / 0.02, rtol=1e-6, atol=1e-8)
 
@@ -95,17 +91,6 @@ def test_a_handle_that_says_nothing_may_be_larger_as_a_whole():
     )
 
 
-def test_a_size_of_few_degrees_of_freedom_counts_by_students_factor():
-    found = response(np.ones((6, 1, 2)), np.array([0]), np.array([0]), CODED, POSE)
-    certain = replace(RIG, covariance=RigCovariance(RIG.names, 1e-6 * np.eye(45)))
-    unsure = replace(certain, covariance=replace(certain.covariance, freedom=3.0))
-    # t of three degrees of freedom is 1.197 where the normal distribution is 1
-    ratio = systematic_covariance(found, unsure, CODED) / systematic_covariance(
-        found, certain, CODED
-    )
-    np.testing.assert_allclose(ratio, 1.197**2, rtol=1e-3)
-
-
 def test_what_cameras_and_views_have_in_common_adds_up():
     """Two views of one camera move together with it, two of one marker with the marker."""
     gain = np.zeros((6, 2, 2))
@@ -126,6 +111,9 @@ def test_what_cameras_and_views_have_in_common_adds_up():
         pixel_slopes(RIG.cameras[0], POSE.apply(CODED.marker_centres))[1][0, 0]
     )
     assert spread([0, 0], [0, 0], RIG, placed) == pytest.approx(2 * moves)
+    # of a size of three degrees of freedom: t is 1.197 where the normal distribution is 1
+    unsure = replace(rig, covariance=replace(rig.covariance, freedom=3.0))
+    assert spread([0, 0], [0, 1], unsure) == pytest.approx(0.6 * 1.197, rel=1e-3)
     # both together: independent of each other
     assert spread([0, 0], [0, 0], rig, placed) == pytest.approx(np.hypot(0.6, 2 * moves))
     assert spread([0, 0], [0, 1], RIG, placed) == pytest.approx(np.sqrt(2) * moves, rel=0.02)
@@ -137,7 +125,7 @@ def test_the_papers_pose_answers_to_pixels_as_its_response_says():
     uv += 0.1 * np.random.default_rng(0).standard_normal(uv.shape)
     found = fit_response(uv, RIG, CODED)
     start = fit_pose(uv, RIG, CODED).T_world_handle
-    for k in range(0, len(found.camera), 3):
+    for k in range(0, len(found.camera), 5):
         for d in range(2):
             step = np.zeros_like(uv)
             step[found.camera[k], found.marker[k], d] = 0.05
@@ -172,38 +160,36 @@ def test_a_pose_from_pixels_answers_to_a_shifted_image_as_its_response_says():
         assert (np.abs(away - expected) < 0.15 * sizes).all()
 
 
-def test_nees_of_checked_poses_of_stated_rigs():
-    """24 rigs off by as much as their files say."""
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [6, pytest.param(24, marks=pytest.mark.heavy)])
+def test_nees_of_checked_poses_of_stated_rigs(count):
+    """Rigs off by as much as their files say."""
     rng, bench = np.random.default_rng(8), Bench()
     clean = [blurred(radiance(camera, CODED, POSE, bench), bench) for camera in PAIR.cameras]
     nees = []
-    for _ in range(24):
+    for _ in range(count):
         drawn = miscalibrated(PAIR, 0.3, 0.02, rng)
         rig = replace(drawn, covariance=covariance_of_such(drawn, 0.3, 0.02))
         images = [digitise(image, bench, rng) for image in clean]
         pose = measure(images, rig, CODED, POSE, Parameters(estimator="paper", check=True)).pose
         e = motion_between(pose.T_world_handle, POSE)
         nees.append(e @ np.linalg.solve(pose.covariance, e))
-    assert abs(np.mean(nees) - 6) < 4 * np.sqrt(12 / len(nees))
+    assert abs(np.mean(nees) - 6) < 4 * np.sqrt(12 / count)
 
 
 def test_files_say_where_cameras_contradict_each_other():
-    poses = [Pose("measured", POSE, np.eye(6), 0.1, 6, 2) for _ in range(10)]
-    wrong = [replace(pose, systematic=np.eye(6)) for pose in poses]
-    some = pose_table([*poses[:6], *wrong[:4]])
-    (line,) = contradictions(some, "a/rig.toml")
+    good = Pose("measured", POSE, np.eye(6), 0.1, 6, 2)
+    wrong = replace(good, systematic=np.eye(6))
+    (line,) = contradictions(pose_table([good] * 6 + [wrong] * 4), "a/rig.toml")
     assert line.startswith("a/rig.toml: the cameras contradict each other in 4 of 10 poses")
     assert "rig.covariance.toml" in line
-    assert contradictions(pose_table([*poses, *wrong[:1]]), "rig.toml") == []
+    assert contradictions(pose_table([good] * 10 + [wrong]), "rig.toml") == []
 
 
-def test_a_chi_square_by_the_table():
+def test_chi_square_and_students_factor_by_the_tables():
     assert not contradict(16.8, 6)  # 16.81: one in a hundred (Abramowitz and Stegun, table 26.8)
     assert contradict(16.82, 6)
     assert not contradict(1e9, 0)
-
-
-def test_students_factor_by_the_table():
     # t of one degree of freedom is 1.837 where the normal distribution is 1, of three 1.197
     assert students_factor(1) == pytest.approx(1.837**2, rel=1e-3)
     assert students_factor(3) == pytest.approx(1.197**2, rel=1e-3)
