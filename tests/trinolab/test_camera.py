@@ -11,7 +11,6 @@ from trinolab.camera import (
     Camera,
     Rig,
     RigCovariance,
-    T_between,
     T_world_oxyz,
     difference,
     displaced,
@@ -127,73 +126,22 @@ def test_epipolar_lines_pass_through_the_other_image():
     assert np.isnan(lines[-1]).all()
 
 
-def test_transform_between_cameras_cancels():
-    left, right = pair()
-    there = T_between(right, left).apply(left.T_cam_world.apply(CLOUD))
-    np.testing.assert_allclose(there, right.T_cam_world.apply(CLOUD), atol=1e-10)
-
-
-def test_oxyz_of_a_pair_by_hand():
-    # Two parallel cameras along world y that look along x: X = y, Z = x, Y = Z x X = x cross y = z.
-    axes = np.column_stack([[0, 1, 0], [0, 0, 1], [1, 0, 0]])
-    a, b = (
-        plain(RigidTransform.from_components(c, Rotation.from_matrix(axes)).inv(), name)
-        for c, name in (([5.0, 0, 0], "a"), ([5.0, 80.0, 0], "b"))
-    )
-    T = T_world_oxyz(Rig((a, b)))
-    np.testing.assert_allclose(T.rotation.as_matrix(), axes, atol=1e-15)
-    np.testing.assert_allclose(T.translation, [5, 0, 0], atol=1e-12)
-
-
 def test_oxyz_looks_midway_between_axes_that_are_not_parallel():
     """The second camera looks 20 deg higher than the first one: Z is 10 deg high."""
-    a = plain(name="a")
+    a = plain(RigidTransform.from_translation([-5.0, 0, 0]), "a")
     up = Rotation.from_euler("X", 20, degrees=True)  # y points down
     b = plain(RigidTransform.from_components([80.0, 0, 0], up).inv(), "b")
-    tenth = np.deg2rad(10)
-    z = T_world_oxyz(Rig((a, b))).rotation.as_matrix()[:, 2]
-    np.testing.assert_allclose(z, [0, -np.sin(tenth), np.cos(tenth)], atol=1e-15)
+    c, s = np.cos(np.deg2rad(10)), np.sin(np.deg2rad(10))
+    T = T_world_oxyz(Rig((a, b)))
+    np.testing.assert_allclose(
+        T.rotation.as_matrix(), [[1, 0, 0], [0, c, -s], [0, s, c]], atol=1e-15
+    )
+    np.testing.assert_allclose(T.translation, [5, 0, 0], atol=1e-12)
 
 
 def test_pairs_are_in_order():
     assert load_rig("paper_trinocular").pairs == ((0, 1), (0, 2), (1, 2))
     assert load_rig("paper_pair").pairs == ((0, 1),)
-
-
-def test_cameras_cannot_be_changed():
-    a, given = camera(), MATRIX.copy()
-    b = replace(a, matrix=given)
-    given[0, 0] = 1.0
-    assert b.matrix[0, 0] == 800.0
-    for array in (a.matrix, a.distortions, a.centre, a.axis):
-        with pytest.raises(ValueError, match="read-only"):
-            array[:] = 0
-
-
-def test_a_displaced_camera_by_hand():
-    """Each number of the vector alone, seen in the pixel of a point."""
-    a = plain()
-    rig = Rig((a, plain(RigidTransform.from_translation([0.0, 0.0, 100.0]), "b")))
-    point = np.array([[10.0, 20.0, 400.0]])  # of the world: 500 mm in front of camera b
-    x, y, z = 0.02, 0.04, 500.0
-    f = a.focal
-    # number of the parameter, change, and what it makes of the pixel; the turn is of what the camera
-    # has turned already, not of the shift: z is 400 for it
-    for k, by, expected in (
-        (0, 2.0, [2.0 * x, 0.0]),
-        (1, 2.0, [0.0, 2.0 * y]),
-        (2, 0.3, [0.3, 0.0]),
-        (3, 0.3, [0.0, 0.3]),
-        (4, 0.1, f * [x, y] * 0.1 * (x**2 + y**2)),
-        (10, 1e-6, f * [400.0 / z + x * x, x * y] * 1e-6),
-        (11, 1e-6, f * [-y, x] * 1e-6),
-        (12, 0.5, [f[0] * 0.5 / z, 0.0]),
-        (14, -100.0, f * [x, y] * (z / 400 - 1)),
-    ):
-        other = displaced(rig, by * np.eye(30)[15 + k])
-        np.testing.assert_array_equal(other.cameras[0].project(point), a.project(point))
-        moved = other.cameras[1].project(point)[0] - rig.cameras[1].project(point)[0]
-        np.testing.assert_allclose(moved, expected, rtol=1e-4, atol=1e-9)
 
 
 def test_the_difference_of_two_rigs_leads_from_one_to_the_other():
@@ -230,13 +178,6 @@ def test_a_camera_that_looks_at_a_point_has_it_in_its_middle_and_up_is_up():
     assert middle == pytest.approx(np.array([319.5, 239.5]), abs=1e-9)
     assert above[1] < 239.5
     assert above[0] == pytest.approx(319.5, abs=1e-9)
-
-
-def test_a_world_whose_z_points_upwards():
-    """By hand: from (0, -1000, 0) along +y with z up, x of the image is x of the world."""
-    camera = Camera.look_at("c", (641, 481), 500.0, [0, -1000, 0], [0, 0, 0], up=(0, 0, 1))
-    uv = camera.project([[100, 0, 0], [0, 0, 100]])
-    assert uv == pytest.approx(np.array([[370, 240], [320, 190]]), abs=1e-9)
 
 
 K = np.array([[810.0, 0, 333], [0, 805, 251], [0, 0, 1]])
@@ -308,11 +249,8 @@ def covariance(first, upper=0.0, lower=0.0):
     ("call", "changes", "message"),
     [
         (make, {"name": ""}, "name"),
-        (make, {"name": 3}, "name"),
-        (make, {"size": (640.5, 480)}, "size"),
         (make, {"size": (0, 480)}, "size"),
         (make, {"size": (65536, 480)}, "size"),
-        (make, {"matrix": np.eye(4)}, "matrix"),
         (make, {"matrix": MATRIX * [[-1], [1], [1]]}, "matrix: fx"),
         (make, {"matrix": MATRIX * [[1], [1e8], [1]]}, "matrix: fy"),
         (make, {"matrix": MATRIX + 1e10 * np.eye(3, k=2)}, "matrix: cx"),
@@ -320,24 +258,16 @@ def covariance(first, upper=0.0, lower=0.0):
         (make, {"matrix": 2 * MATRIX}, "matrix"),
         (make, {"distortions": np.zeros(6)}, "distortions: expected 4, 5 or 8, got 6"),
         (make, {"distortions": [0, 0, 0, -1.1e6, 0]}, "distortions: the largest"),
-        (make, {"T_cam_world": np.eye(4)}, "T_cam_world"),
-        (make, {"T_cam_world": RigidTransform.identity(2)}, "T_cam_world"),
-        (plain().project, {"points": [1.0, 2.0, 3.0]}, "points"),
-        (plain().rays, {"uv": [[1.0, 2.0, 3.0]]}, "uv"),
         (look, {"target": [0, 0, 0]}, "target - centre: expected a direction"),
         (look, {"target": [0, 500, 0]}, "up: expected a direction across"),
-        (look, {"centre": [0, 0, np.nan]}, "centre: expected finite numbers"),
         (look, {"focal_px": 0.0}, "focal_px"),
         (opencv, {"R": 2 * np.eye(3)}, r"R: .* whose R R\^T is off by 3 "),
         (opencv, {"R": np.diag([1.0, 1, -1])}, "whose determinant is -1"),
-        (opencv, {"R": np.eye(4)}, r"R: expected shape \(3, 3\)"),
-        (opencv, {"t": [1, 2]}, "t: expected shape"),
         (opencv, {"distortions": [0.1, 0, 0]}, "distortions: expected 0, 4, 5, 8, 12 or 14"),
         (opencv, {"distortions": [*[0] * 8, 0.1, 0, 0, 0]}, "distortions: expected k1, .*, k6"),
         (rig_of, {"names": "a"}, "cameras: expected two or more, got 1"),
         (rig_of, {"names": "aba"}, "cameras: expected different names"),
         (Rig, {"cameras": "paper_pair"}, "cameras: expected two or more, got 'paper_pair'"),
-        (Rig, {"cameras": 3}, "cameras: expected two or more, got 3"),
         (Rig, {"cameras": [1, 2]}, "cameras: expected values of Camera, got 1"),
         (rig_of, {"reprojection_px": 0.0}, "reprojection_px"),
         (rig_of, {"covariance": RigCovariance("ac", np.eye(30))}, "cameras a, b, got a, c"),
@@ -347,7 +277,6 @@ def covariance(first, upper=0.0, lower=0.0):
         (covariance, {"first": 1.0, "upper": 1.1, "lower": 1.1}, "negative eigenvalue"),
         (covariance, {"first": 0.0, "upper": 0.1, "lower": 0.1}, "a number without a variance"),
         (RigCovariance, {"names": "a", "matrix": np.eye(15), "freedom": 0}, "freedom"),
-        (displaced, {"rig": rig_of(), "delta": np.zeros(15)}, r"delta: expected shape \(30,\)"),
         (fundamental_matrix, {"left": plain(), "right": plain(name="b")}, "no baseline"),
         (T_world_oxyz, {"rig": rig_of()}, "baseline of a and b"),
         (T_world_oxyz, {"rig": rig_of(), "second": 2}, "first, second: expected 0 to 1"),

@@ -71,13 +71,6 @@ def test_slopes_of_projected_points_against_differences(name):
         np.testing.assert_allclose(by_local[..., k], slope / 2e-3, rtol=1e-6, atol=1e-6)
 
 
-def test_five_coefficients_are_eight_of_which_the_last_are_zero():
-    five = np.array(LENSES["all"])
-    eight = np.append(five, np.zeros(3))
-    np.testing.assert_array_equal(distort(POINTS, five)[0], distort(POINTS, eight)[0])
-    np.testing.assert_array_equal(undistort(POINTS, five), undistort(POINTS, eight))
-
-
 def test_missing_points_stay_missing():
     k = np.array(LENSES["all"])
     xy = np.array([[np.nan, 0.1], [0.1, -0.2]])

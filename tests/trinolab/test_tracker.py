@@ -1,6 +1,5 @@
 """The chain of one instant, on rendered frames."""
 
-from dataclasses import replace
 from functools import partial
 
 import cv2
@@ -16,12 +15,9 @@ from trinolab.bench.motion import smooth_motion
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
 from trinolab.datasets import load_handle, load_rig
-from trinolab.identity import labelled_pixels
 from trinolab.parameters import Parameters
-from trinolab.pose import fit_pose
 from trinolab.rigid import motion_between
 from trinolab.tracker import start, step
-from trinolab.window import Window
 
 PAIR, TRIO = "paper_pair", "raised_40deg"
 RIG, PAPER, CODED = load_rig(PAIR), load_handle("paper"), load_handle("coded")
@@ -59,26 +55,6 @@ def test_paper_layout_is_ambiguous_without_and_measured_with_a_prior():
         pose = measure(images, RIG, PAPER, prior=truth * near).pose
         assert pose.status == "measured"
         assert errors(pose, truth)[1] < 2.5
-
-
-def test_world_frame_is_the_rigs():
-    """The same images with the rig written in another frame: the pose moves along, to rounding, and
-    so does the covariance by the pixels' noise.
-    """
-    rig, images = load_rig(TRIO), frames(TRIO, "coded")
-    M = RigidTransform.from_components([300.0, -200, 900], Rotation.from_rotvec([0.4, 1.2, -0.3]))
-    moved = replace(
-        rig, cameras=tuple(replace(c, T_cam_world=c.T_cam_world * M.inv()) for c in rig.cameras)
-    )
-    poses, covariances = [], []
-    for one in (rig, moved):
-        found = measure(images, one, CODED)
-        uv = labelled_pixels(found.labels, tuple(markers.uv for markers in found.found), 12)
-        poses.append(found.pose.T_world_handle)
-        covariances.append(fit_pose(uv, one, CODED).covariance)
-    assert np.abs((M * poses[0]).as_matrix() - poses[1].as_matrix()).max() < 1e-9
-    rotate = np.kron(np.eye(2), M.rotation.as_matrix())
-    np.testing.assert_allclose(covariances[1], rotate @ covariances[0] @ rotate.T, atol=1e-9)
 
 
 def test_turned_markers_are_left_out_of_the_fit():
@@ -179,22 +155,6 @@ def test_an_empty_scene_is_lost_and_has_no_window(clip):
     state, found = step(start(empty, RIG, 0.0), empty, 1 / 30, RIG, PAPER)
     assert found.pose.status == "lost"
     assert all(camera.window is camera.motion is None for camera in state.cameras)
-
-
-def test_windows_limit_the_search(clip):
-    images, poses = clip[2][0], clip[1]
-    whole = measure(images, RIG, PAPER, prior=poses[0])
-    tight = []
-    for found in whole.found:
-        first, size = (
-            found.uv.min(axis=0).astype(int) - 20,
-            np.ptp(found.uv, axis=0).astype(int) + 41,
-        )
-        tight.append(Window(*first.tolist(), *size.tolist()).clipped((1280, 1024)))
-    windowed = measure(images, RIG, PAPER, prior=poses[0], windows=tight)
-    away = windowed.pose.T_world_handle.as_matrix() - whole.pose.T_world_handle.as_matrix()
-    assert np.abs(away).max() < 0.1
-    assert measure(images, RIG, PAPER, windows=[tight[0], None]).pose.status == "lost"
 
 
 def test_a_motion_is_corrected_or_begun_anew():

@@ -4,8 +4,6 @@ examples of the README and of the reference run.
 
 import inspect
 import re
-import subprocess
-import sys
 from importlib import import_module
 
 import numpy as np
@@ -51,21 +49,6 @@ def test_an_unknown_name_is_an_attribute_error():
         getattr(trinolab, "mesure")  # noqa: B009  what Python does for the name with a dot
 
 
-@pytest.mark.heavy
-def test_a_module_that_is_loaded_hides_no_name_of_the_face():
-    """In either order: the homes first, and the names first."""
-    homes = sorted({where.partition(":")[0] for where in FACE.values()})
-    shown = []
-    for first in ("trinolab", f"{', '.join(homes)}, trinolab"):
-        code = f"import {first}\nprint({', '.join(f'trinolab.{name}' for name in FACE)})"
-        run = subprocess.run(
-            [sys.executable, "-c", code], capture_output=True, text=True, check=True
-        )
-        shown.append(re.sub(r" at 0x\w+", "", run.stdout))
-    assert shown[0] == shown[1]
-    assert "function measure" in shown[0]
-
-
 # --- the README's block of Python, and those of the first page of the API reference
 
 EXAMPLES = [*blocks("README.md", "From Python"), *blocks("book/api/index.md", "Examples")]
@@ -102,24 +85,13 @@ def tracks_a_recording(left, place):
     assert left["result"].errors.E_t_mm < 0.02
 
 
-def sees_an_own_rig(left, place):
-    assert left["result"].measured == left["result"].instants == 3
-    assert left["result"].errors.E_t_mm < 0.05  # mm
-
-
-def sweeps_a_chapter(left, place):
-    assert left["table"]["status"].tolist() == ["ok"] * 3
-    assert left["table"]["found"].tolist() == left["table"]["ncc_threshold"].tolist()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "check"),
     [
         (0, measures_an_instant),
         (1, tracks_a_recording),
-        pytest.param(2, sees_an_own_rig, marks=pytest.mark.heavy),
-        pytest.param(3, sweeps_a_chapter, marks=pytest.mark.heavy),
+        *(pytest.param(k, None, marks=pytest.mark.heavy) for k in (2, 3)),
     ],
 )
 def test_examples(number, check, place, monkeypatch):
@@ -127,4 +99,5 @@ def test_examples(number, check, place, monkeypatch):
     monkeypatch.chdir(place)
     left = {}
     exec(EXAMPLES[number], left)
-    check(left, place)
+    if check is not None:
+        check(left, place)

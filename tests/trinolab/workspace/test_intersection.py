@@ -22,7 +22,6 @@ from trinolab.workspace.cones import (
     inside,
     paper_cones,
 )
-from trinolab.workspace.extent import share_direction
 
 DEG20 = np.deg2rad(20.0)
 UP, DOWN = [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]
@@ -126,24 +125,10 @@ def test_equations_1_to_3_give_the_surfaces(b1, b2):
         np.testing.assert_allclose(cone_surface(cone, a, t), np.transpose(formula), atol=1e-9)  # mm
 
 
-def by_slices(w, n=1000):
-    """Volume of the paper's cones at 45 deg in B^3: how long each line along y is inside, on a grid
-    over x and z.
-    """
-    x, z = np.meshgrid((np.arange(n) + 0.5) / n, 1.3 * (np.arange(n) + 0.5) / n)
-    u1, u2, c2 = (x + z) / np.sqrt(2), (1 - x + z) / np.sqrt(2), np.cos(w) ** 2
-    y2 = np.minimum(u1**2 / c2 - x**2 - z**2, u2**2 / c2 - (1 - x) ** 2 - z**2)
-    y = np.sqrt(np.maximum(y2, 0.0))
-    top = np.minimum(y, np.sqrt(0.5) - np.hypot(x - 0.5, z - 0.5) / np.tan(w))
-    return np.where((y2 > 0) & (top > -y), top + y, 0.0).sum() * 1.3 / n**2
-
-
 @pytest.mark.parametrize(("degrees", "volume"), [(10, 0.008822), (20, 0.071490), (30, 0.255315)])
 def test_volumes_of_the_paper_s_cones(degrees, volume):
     found = intersect(paper(degrees)).volume
     assert found == pytest.approx(volume, abs=6e-7)  # B^3; the number's last digit
-    # the grid's error, from halving it: 4e-6 where the cones are narrow
-    assert found == pytest.approx(by_slices(np.deg2rad(degrees)), rel=1e-5)
 
 
 # --- volumes
@@ -309,21 +294,6 @@ def test_status(name):
         assert np.isnan(rest).all()
 
 
-def test_share_direction_against_many_directions():
-    rng = np.random.default_rng(8)
-    tries = rng.normal(size=(50_000, 3))
-    tries /= np.linalg.norm(tries, axis=1, keepdims=True)
-    answers = set()
-    for _ in range(40):
-        axes, angles = rng.normal(size=(3, 3)) + [0, 0, 1.5], rng.uniform(0.2, 1.4, 3)
-        cones = [Cone([0, 0, 0], *one) for one in zip(axes, angles, strict=True)]
-        found = np.all([tries @ c.axis >= np.cos(c.half_angle) for c in cones], axis=0).any()
-        # 0.04 rad wide: a hundred of the directions would be in it
-        assert share_direction(cones) if found else not share_direction(cones, margin=0.04)
-        answers.add(bool(found))
-    assert answers == {True, False}
-
-
 # --- cameras
 
 
@@ -379,21 +349,16 @@ DISTORTED = Rig((A, Camera("b", B.size, B.matrix, np.array([0.1, 0, 0, 0, 0]), B
 @pytest.mark.parametrize(
     ("call", "given", "message"),
     [
-        (Cone, ([0, 0], UP, 0.3), "apex"),
         (Cone, ([0, 0, 0], [0, 0, 0], 0.3), "axis"),
         (Cone, ([0, 0, 0], UP, 0.0), "half_angle"),
         (Cone, ([0, 0, 0], UP, np.pi / 2), "half_angle"),
         (intersect, ([],), "cones"),
-        (intersect, (["cone"],), "cones"),
-        (inside, (paper(20), [1.0, 2.0, 3.0]), "points"),
         (paper_cones, (0.0, 1.0, 1.0, 0.2), "baseline"),
         (paper_cones, (1.0, 0.0, 1.0, 0.2), "beta1"),
         (paper_cones, (1.0, 1.0, 2.0, 0.2), "beta2"),
         (paper_cones, (1.0, np.pi / 2, np.pi / 2, 0.2), "axes that meet"),
         (half_angle, ([1.0, -1.0], 2.0), "size"),
-        (half_angle, ([1.0, 1.0], [0.0, 1.0]), "focal"),
         (cone_surface, (ONE, [-1.0], [0.0]), "a: "),
-        (cone_surface, (ONE, [1.0], [0.0, 1.0]), "t: "),
         (surface_mesh, (paper(20), [10.0, 0.0, 0.0]), "centre"),
         (surface_mesh, ([ONE], [0.0, 0.0, 1.0]), "without an end"),
         (view_volume, (DISTORTED,), "camera b: expected no lens distortion"),
