@@ -81,17 +81,17 @@ def test_what_is_stated_counts_and_what_is_not_is_usual():
     assert (known_placement_mm(UNPLACED), known_scale_share(UNPLACED)) == (PLACEMENT_MM, 0.002)
 
 
-@pytest.mark.parametrize(
-    ("rig", "handle", "said"),
-    [
-        (RAISED, CODED, []),
-        # a quarter of chi-square with half a degree of freedom lies beyond 0.521, three beyond 0.00528
-        (SILENT, CODED, ["r.toml: .* 0.24 to 2.4 px per image"]),
-        (replace(SILENT, reprojection_px=0.21), CODED, ["r.toml: .* 0.21 to 2 px per image"]),
-        (RAISED, UNPLACED, ["h.toml: .* = 0.05 is assumed, .* right to 0.2 %"]),
-        (SILENT, UNPLACED, ["r.toml", "h.toml"]),
-    ],
-)
+ASSUMED = [
+    (RAISED, CODED, []),
+    # a quarter of chi-square with half a degree of freedom lies beyond 0.521, three beyond 0.00528
+    (SILENT, CODED, ["r.toml: .* 0.24 to 2.4 px per image"]),
+    (replace(SILENT, reprojection_px=0.21), CODED, ["r.toml: .* 0.21 to 2 px per image"]),
+    (RAISED, UNPLACED, ["h.toml: .* = 0.05 is assumed, .* right to 0.2 %"]),
+    (SILENT, UNPLACED, ["r.toml", "h.toml"]),
+]
+
+
+@pytest.mark.parametrize(("rig", "handle", "said"), ASSUMED)
 def test_what_was_assumed_is_said_in_a_line(rig, handle, said):
     lines = assumed(rig, handle, "r.toml", "h.toml")
     assert len(lines) == len(said)

@@ -83,15 +83,15 @@ SIXTY = next(
 )
 
 
-@pytest.mark.parametrize(
-    ("choice", "statuses", "worst_deg"),
-    [
-        *(([k] * 4, "measured", 0) for k in (1, 5, 11)),  # a track may be turned by one
-        ([0, 0, SIXTY, 0], "measured", 60),  # a flip inside is an error
-        ([0, 3, 6, 9], "ambiguous", 0),  # and these are compared one by one
-        ([5, 7, 5, 1], ["measured", "ambiguous", "measured", "ambiguous"], 0),
-    ],
-)
+TRACKS = [
+    *(([k] * 4, "measured", 0) for k in (1, 5, 11)),  # a track may be turned by one
+    ([0, 0, SIXTY, 0], "measured", 60),  # a flip inside is an error
+    ([0, 3, 6, 9], "ambiguous", 0),  # and these are compared one by one
+    ([5, 7, 5, 1], ["measured", "ambiguous", "measured", "ambiguous"], 0),
+]
+
+
+@pytest.mark.parametrize(("choice", "statuses", "worst_deg"), TRACKS)
 def test_measured_rows_are_one_track_and_ambiguous_ones_each_by_itself(
     tmp_path, choice, statuses, worst_deg
 ):
@@ -191,17 +191,17 @@ def test_tables_files_and_names_give_the_same(tmp_path):
 TABLE = truth_table(truths())
 
 
-@pytest.mark.parametrize(
-    ("changed", "said"),
-    [
-        ({"poses": TABLE.drop(columns="qw")}, "^poses: column 'qw' is missing$"),
-        ({"truth": TABLE.assign(x_mm=np.nan)}, "^truth: frame 0: no pose"),
-        ({"poses": TABLE.assign(frame=TABLE["frame"] + 50)}, "^poses, truth: no frame in common"),
-        ({"poses": TABLE.to_numpy()}, "^poses: expected a file or a table.*got ndarray$"),
-        ({"truth": None}, "^truth: expected a file or a table of poses, got NoneType$"),
-        ({"handle": "papers"}, "^papers: no such file, and no shipped handle"),
-    ],
-)
+REFUSED = [
+    ({"poses": TABLE.drop(columns="qw")}, "^poses: column 'qw' is missing$"),
+    ({"truth": TABLE.assign(x_mm=np.nan)}, "^truth: frame 0: no pose"),
+    ({"poses": TABLE.assign(frame=TABLE["frame"] + 50)}, "^poses, truth: no frame in common"),
+    ({"poses": TABLE.to_numpy()}, "^poses: expected a file or a table.*got ndarray$"),
+    ({"truth": None}, "^truth: expected a file or a table of poses, got NoneType$"),
+    ({"handle": "papers"}, "^papers: no such file, and no shipped handle"),
+]
+
+
+@pytest.mark.parametrize(("changed", "said"), REFUSED)
 def test_a_table_that_is_none_of_poses_is_refused_by_its_argument(changed, said):
     with pytest.raises(ValueError, match=said):
         evaluate(**{"poses": TABLE, "truth": TABLE, "handle": "paper", **changed})
@@ -210,20 +210,20 @@ def test_a_table_that_is_none_of_poses_is_refused_by_its_argument(changed, said)
 ALL, SOME, FEW = "measured", ["measured"] * 3 + ["ambiguous"], ["measured"] * 2 + ["lost"] * 2
 
 
-@pytest.mark.parametrize(
-    ("turn", "statuses", "handle", "beside", "said"),
-    [
-        (0, ALL, HANDLE, CODED, "beside the truth, is coded with 1: likely --handle .* is meant"),
-        (0, ALL, CODED, CODED, None),
-        (2, ALL, CODED, None, "likely --handle paper is meant"),
-        (None, ALL, CODED, None, None),
-        (0, ALL, HANDLE, None, "no pose needs the 12 symmetries of paper, the errors are"),
-        (0, SOME, HANDLE, None, None),
-        (1, ALL, HANDLE, None, None),
-        (0, ALL, HANDLE, HANDLE, None),
-        (2, FEW, CODED, None, None),
-    ],
-)
+HANDLES = [
+    (0, ALL, HANDLE, CODED, "beside the truth, is coded with 1: likely --handle .* is meant"),
+    (0, ALL, CODED, CODED, None),
+    (2, ALL, CODED, None, "likely --handle paper is meant"),
+    (None, ALL, CODED, None, None),
+    (0, ALL, HANDLE, None, "no pose needs the 12 symmetries of paper, the errors are"),
+    (0, SOME, HANDLE, None, None),
+    (1, ALL, HANDLE, None, None),
+    (0, ALL, HANDLE, HANDLE, None),
+    (2, FEW, CODED, None, None),
+]
+
+
+@pytest.mark.parametrize(("turn", "statuses", "handle", "beside", "said"), HANDLES)
 def test_another_handle_than_the_likely_one_is_named(
     tmp_path, caplog, turn, statuses, handle, beside, said
 ):

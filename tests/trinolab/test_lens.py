@@ -33,18 +33,18 @@ def test_a_lens_is_opencvs_and_its_slopes_and_inverse_are_its_own(name):
         np.testing.assert_allclose(jacobian[:, :, column], slope, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("lens", "radius2"),
-    [
-        ([-0.5, 0, 0, 0, 0], 2 / 3),  # r (1 - 0.5 r^2) grows up to there
-        ([0, 0, 0, 0, 0, -0.5, 0, 0], 2),  # r / (1 - r^2 / 2) has a pole
-        ([0, 0, 0, 0, 0, 0.5, 0, 0], 2),  # r / (1 + r^2 / 2) turns
-        ([0, 0, 0, 0, -1 / 7], 1),
-        ([0, -1 / 5, 0, 0, 0], 1),
-        ([0, 0, 0, 0, 0, 0, 1 / 3, 0], 1),
-        ([0, 0, 0, 0, 0, 0, 0, 1 / 5], 1),
-    ],
-)
+FOLDS = [
+    ([-0.5, 0, 0, 0, 0], 2 / 3),  # r (1 - 0.5 r^2) grows up to there
+    ([0, 0, 0, 0, 0, -0.5, 0, 0], 2),  # r / (1 - r^2 / 2) has a pole
+    ([0, 0, 0, 0, 0, 0.5, 0, 0], 2),  # r / (1 + r^2 / 2) turns
+    ([0, 0, 0, 0, -1 / 7], 1),
+    ([0, -1 / 5, 0, 0, 0], 1),
+    ([0, 0, 0, 0, 0, 0, 1 / 3, 0], 1),
+    ([0, 0, 0, 0, 0, 0, 0, 1 / 5], 1),
+]
+
+
+@pytest.mark.parametrize(("lens", "radius2"), FOLDS)
 def test_points_beyond_the_fold_have_no_image(lens, radius2):
     k, radius = np.array(lens, dtype=float), np.sqrt(radius2)
     out = distort(np.array([[radius - 1e-6, 0.0], [radius + 1e-6, 0.0], [0.0, 2 * radius]]), k)[0]

@@ -88,11 +88,7 @@ def test_no_light_is_no_marker():
 @pytest.mark.heavy
 def test_no_index_is_out_of_bounds(tmp_path):
     """Compiled anew with bounds checked."""
-    environment = {
-        **os.environ,
-        "NUMBA_BOUNDSCHECK": "1",
-        "NUMBA_CACHE_DIR": str(tmp_path),
-    }
+    environment = {**os.environ, "NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
     here = f"{__file__}::test_hostile_images"
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", here]
     subprocess.run(command, env=environment, check=True)

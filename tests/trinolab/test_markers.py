@@ -13,13 +13,7 @@ from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render
 from trinolab.blobs import centroid
 from trinolab.datasets import load_handle, load_rig
-from trinolab.markers import (
-    MarkerParameters,
-    blob_at,
-    find_markers,
-    halfway,
-    iterative_threshold,
-)
+from trinolab.markers import MarkerParameters, blob_at, find_markers, halfway, iterative_threshold
 
 
 def disc_image(centres, radius=8.0, size=(160, 120), body=90.0, marker=220.0, samples=16):
@@ -78,13 +72,13 @@ def test_discs_are_kept_although_the_search_leaves_them():
     assert nearest(found.uv, centres).max() < 0.25
 
 
-@pytest.mark.parametrize(
-    ("threshold", "within"),
-    [
-        (55.0, 34.0),  # its mean has the flank in it; what is nearer than a fifth of 170 is left
-        (190.0, 5.0),
-    ],
-)
+FLANKS = [
+    (55.0, 34.0),  # its mean has the flank in it; what is nearer than a fifth of 170 is left
+    (190.0, 5.0),
+]
+
+
+@pytest.mark.parametrize(("threshold", "within"), FLANKS)
 def test_a_contour_is_taken_again_halfway_up_the_flank(threshold, within):
     """A disc of 210 on 40, found near its foot or its top: half of its height is at 125."""
     image = disc_image([(60, 50)], body=40.0, marker=210.0)
@@ -149,19 +143,19 @@ def test_a_bright_neighbour_does_not_pull_the_centroid():
     assert nearest(find_markers(image, 12).uv, [(60, 50)]) < 0.1
 
 
+SCENES = [
+    ({"background_grey": 150}, "bright", 1.0),  # as bright as markers
+    ({}, "bright", 0.4),  # markers of 6 px
+    pytest.param({}, "bright", 1.0, marks=pytest.mark.heavy),
+    pytest.param({}, "dark", 1.0, marks=pytest.mark.heavy),
+    pytest.param({"read_noise": 8}, "bright", 1.0, marks=pytest.mark.heavy),
+    pytest.param({"blur_px": 2}, "bright", 1.0, marks=pytest.mark.heavy),
+    pytest.param({}, "bright", 2.2, marks=pytest.mark.heavy),  # 35 px
+]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("options", "markers", "zoom"),
-    [
-        ({"background_grey": 150}, "bright", 1.0),  # as bright as markers
-        ({}, "bright", 0.4),  # markers of 6 px
-        pytest.param({}, "bright", 1.0, marks=pytest.mark.heavy),
-        pytest.param({}, "dark", 1.0, marks=pytest.mark.heavy),
-        pytest.param({"read_noise": 8}, "bright", 1.0, marks=pytest.mark.heavy),
-        pytest.param({"blur_px": 2}, "bright", 1.0, marks=pytest.mark.heavy),
-        pytest.param({}, "bright", 2.2, marks=pytest.mark.heavy),  # 35 px
-    ],
-)
+@pytest.mark.parametrize(("options", "markers", "zoom"), SCENES)
 def test_all_that_is_truly_seen_is_found_in_whole_frames(options, markers, zoom):
     """Frames of the coded handle in random poses, so large that they are searched at half their size;
     the truth is the renderer's.
@@ -227,20 +221,20 @@ def test_noise_and_500_spots_give_no_more_than_was_asked_for():
 DISC = disc_image([(60, 50)])
 
 
-@pytest.mark.parametrize(
-    ("call", "given"),
-    [
-        (find_markers, (DISC, 0)),
-        (find_markers, (DISC, 12, "red")),
-        (iterative_threshold, (DISC, 0)),
-        (centroid, (DISC, np.ones((2, 2), bool), 0.0)),
-        (MarkerParameters, (0.5,)),
-        (MarkerParameters, (1.5, (9.0, 4.0))),
-        (MarkerParameters, (1.5, (0.0, 4.0))),
-        (MarkerParameters, (1.5, (4.0, 9.0), -0.1)),
-        (MarkerParameters, (1.5, (4.0, 9.0), 0.1, 0.1, float("nan"))),
-    ],
-)
+REFUSED = [
+    (find_markers, (DISC, 0)),
+    (find_markers, (DISC, 12, "red")),
+    (iterative_threshold, (DISC, 0)),
+    (centroid, (DISC, np.ones((2, 2), bool), 0.0)),
+    (MarkerParameters, (0.5,)),
+    (MarkerParameters, (1.5, (9.0, 4.0))),
+    (MarkerParameters, (1.5, (0.0, 4.0))),
+    (MarkerParameters, (1.5, (4.0, 9.0), -0.1)),
+    (MarkerParameters, (1.5, (4.0, 9.0), 0.1, 0.1, float("nan"))),
+]
+
+
+@pytest.mark.parametrize(("call", "given"), REFUSED)
 def test_bad_input_is_a_value_error(call, given):
     with pytest.raises(ValueError, match="expected"):
         call(*given)

@@ -138,23 +138,23 @@ def test_of_pairs_that_share_a_spot_the_best_confirmed_stays():
 ONE, NONE = np.ones((1, 2)), np.empty((0, 2))
 
 
-@pytest.mark.parametrize(
-    ("call", "given"),
-    [
-        (MatchParameters, (0.0,)),
-        (MatchParameters, (1.0, 1.5)),
-        (MatchParameters, (1.0, 0.5, 20)),
-        (MatchParameters, (1.0, 0.5, 1)),
-        (Matches, ([[0, -1]], [0], [0])),
-        (Matches, ([[0, 0.5]], [0], [0])),
-        (epipolar_distances, (PAIR[0], PAIR[0], ONE, ONE)),
-        (matching.in_order, (pairs([[0, 1]]), *PAIR, ONE, ONE, 2.0)),
-        (matching.in_order, (pairs([[0, 0]]), *PAIR, ONE, ONE, -1.0)),
-        (confirmed, (pairs(NONE), PAIR, [ONE] * 2, 3.0)),
-        (confirmed, (pairs(NONE), TRIO, [ONE] * 3, -1.0)),
-        (confirmed, (pairs([[0, 0]]), TRIO, [NONE] * 3, 1.0)),
-    ],
-)
+REFUSED = [
+    (MatchParameters, (0.0,)),
+    (MatchParameters, (1.0, 1.5)),
+    (MatchParameters, (1.0, 0.5, 20)),
+    (MatchParameters, (1.0, 0.5, 1)),
+    (Matches, ([[0, -1]], [0], [0])),
+    (Matches, ([[0, 0.5]], [0], [0])),
+    (epipolar_distances, (PAIR[0], PAIR[0], ONE, ONE)),
+    (matching.in_order, (pairs([[0, 1]]), *PAIR, ONE, ONE, 2.0)),
+    (matching.in_order, (pairs([[0, 0]]), *PAIR, ONE, ONE, -1.0)),
+    (confirmed, (pairs(NONE), PAIR, [ONE] * 2, 3.0)),
+    (confirmed, (pairs(NONE), TRIO, [ONE] * 3, -1.0)),
+    (confirmed, (pairs([[0, 0]]), TRIO, [NONE] * 3, 1.0)),
+]
+
+
+@pytest.mark.parametrize(("call", "given"), REFUSED)
 def test_bad_input_is_a_value_error(call, given):
     with pytest.raises(ValueError, match="expected"):
         call(*given)

@@ -49,21 +49,21 @@ def test_the_parameters_know_best_and_leave_the_choice_open():
         Parameters(check=True).with_default("best")
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"estimator": "bets"}, r"estimator: expected one of paper, .*, best, got 'bets'"),
-        ({"estimator": "outline"}, "^estimator: 'outline' is gone, take patches$"),
-        ({"estimator": "weighted"}, "^estimator: 'weighted' is gone, take reprojection$"),
-        ({"estimator": "paper_checked"}, r"is gone, take paper with check=True \(--check\)$"),
-        ({"estimator": "best", "check": True}, "^check: only the .* paper has it, got 'patches'$"),
-        ({"check": "yes"}, "^check: expected True or False, got 'yes'$"),
-        ({"sigma_px": 0.0}, "sigma_px"),
-        ({"max_slant_deg": 90.1}, "max_slant_deg"),
-        ({"max_slant_deg": -0.1}, "max_slant_deg"),
-        ({"memory_s": -0.1}, "memory_s"),
-    ],
-)
+NO_PARAMETERS = [
+    ({"estimator": "bets"}, r"estimator: expected one of paper, .*, best, got 'bets'"),
+    ({"estimator": "outline"}, "^estimator: 'outline' is gone, take patches$"),
+    ({"estimator": "weighted"}, "^estimator: 'weighted' is gone, take reprojection$"),
+    ({"estimator": "paper_checked"}, r"is gone, take paper with check=True \(--check\)$"),
+    ({"estimator": "best", "check": True}, "^check: only the .* paper has it, got 'patches'$"),
+    ({"check": "yes"}, "^check: expected True or False, got 'yes'$"),
+    ({"sigma_px": 0.0}, "sigma_px"),
+    ({"max_slant_deg": 90.1}, "max_slant_deg"),
+    ({"max_slant_deg": -0.1}, "max_slant_deg"),
+    ({"memory_s": -0.1}, "memory_s"),
+]
+
+
+@pytest.mark.parametrize(("given", "said"), NO_PARAMETERS)
 def test_parameters_that_cannot_be_are_refused(given, said):
     with pytest.raises(ValueError, match=said):
         Parameters(**given)
@@ -87,21 +87,21 @@ def with_nan(image):
     return np.where(image > 200, np.nan, image)
 
 
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        (lambda: images()[:1], "frames: expected one for each of 3 cameras, got 1"),
-        (lambda: spoiled(lambda f: f[:-1]), "ccd2: expected 1280 x 1024 pixels, got 1280 x 1023"),
-        (lambda: spoiled(lambda f: f.T), "ccd2: expected 1280 x 1024 pixels, got 1024 x 1280"),
-        (lambda: spoiled(lambda f: np.dstack([f] * 3)), "frames: ccd2: expected a grey image"),
-        (lambda: spoiled(lambda f: f.astype(np.uint16) * 257), "ccd2: .* from 0 to 255, got"),
-        (lambda: spoiled(lambda f: None), "frames: ccd2: expected a grey image"),
-        (lambda: spoiled(with_nan), "frames: ccd2: expected finite grey values"),
-        (lambda: [f / 255 for f in images()], "got floats from 0 to 0.886275; .*by 255"),
-        (lambda: None, "frames: expected an image per camera, got None"),
-        (lambda: "abc", "frames: expected an image per camera, got str"),
-    ],
-)
+NO_FRAMES = [
+    (lambda: images()[:1], "frames: expected one for each of 3 cameras, got 1"),
+    (lambda: spoiled(lambda f: f[:-1]), "ccd2: expected 1280 x 1024 pixels, got 1280 x 1023"),
+    (lambda: spoiled(lambda f: f.T), "ccd2: expected 1280 x 1024 pixels, got 1024 x 1280"),
+    (lambda: spoiled(lambda f: np.dstack([f] * 3)), "frames: ccd2: expected a grey image"),
+    (lambda: spoiled(lambda f: f.astype(np.uint16) * 257), "ccd2: .* from 0 to 255, got"),
+    (lambda: spoiled(lambda f: None), "frames: ccd2: expected a grey image"),
+    (lambda: spoiled(with_nan), "frames: ccd2: expected finite grey values"),
+    (lambda: [f / 255 for f in images()], "got floats from 0 to 0.886275; .*by 255"),
+    (lambda: None, "frames: expected an image per camera, got None"),
+    (lambda: "abc", "frames: expected an image per camera, got str"),
+]
+
+
+@pytest.mark.parametrize(("given", "said"), NO_FRAMES)
 def test_frames_that_are_none_of_the_rig_are_named(given, said):
     for call in (lambda f: measure(f, RIG, CODED), lambda f: trinolab.tracker.start(f, RIG, 0.0)):
         with pytest.raises(ValueError, match=said):

@@ -186,20 +186,20 @@ def test_far_off_has_two_limits():
         metrics.far_off(poses, T, NO_SYMMETRY, far_mm=-1.0)
 
 
-@pytest.mark.parametrize(
-    ("row", "counted", "ended", "unended"),
-    [
-        ("", None, (), None),
-        ("0000", None, (), None),
-        ("1111", None, (), None),
-        ("0011", None, (), None),
-        ("1001", None, (2,), None),
-        ("0101100010", None, (1, 3), 1),
-        ("1000", None, (), 3),
-        ("10010", "10110", (1,), 0),
-        ("1001", "1001", (0,), None),
-    ],
-)
+WAITS = [
+    ("", None, (), None),
+    ("0000", None, (), None),
+    ("1111", None, (), None),
+    ("0011", None, (), None),
+    ("1001", None, (2,), None),
+    ("0101100010", None, (1, 3), 1),
+    ("1000", None, (), 3),
+    ("10010", "10110", (1,), 0),
+    ("1001", "1001", (0,), None),
+]
+
+
+@pytest.mark.parametrize(("row", "counted", "ended", "unended"), WAITS)
 def test_waits_by_hand(row, counted, ended, unended):
     counts = None if counted is None else [c == "1" for c in counted]
     assert metrics.waits([c == "1" for c in row], counts) == (ended, unended)
@@ -232,21 +232,21 @@ def test_nees_counts_correlation():
 TWO = RigidTransform.identity(2)
 
 
-@pytest.mark.parametrize(
-    ("call", "given", "message"),
-    [
-        (metrics.pose_errors, (np.eye(4), IDENTITY), "estimates: expected a RigidTransform"),
-        (metrics.pose_errors, (IDENTITY, [1]), "truths: expected a RigidTransform"),
-        (metrics.pose_errors, (TWO, RigidTransform.identity(3)), "2 and 3"),
-        (metrics.pose_errors, (moved([[np.nan, 0, 0]]), IDENTITY), "estimates: .*, got NaN"),
-        (metrics.pose_errors, (TWO[[]], TWO[[]]), "estimates: .*, got none"),
-        (pose_from_euler_deg, ([[0, 0, 0]], [[0, 0, 0], [0, 0, 0]]), "angles_deg"),
-        (metrics.euler_deg, (np.eye(3),), "poses"),
-        (metrics.nearest_equivalent, (IDENTITY, IDENTITY, []), "symmetries"),
-        (metrics.waits, ([True, False], [True]), r"measured, counted: expected shape \(n,\)"),
-        (metrics.waits, (np.ones((2, 2)),), "measured, counted"),
-    ],
-)
+REFUSED = [
+    (metrics.pose_errors, (np.eye(4), IDENTITY), "estimates: expected a RigidTransform"),
+    (metrics.pose_errors, (IDENTITY, [1]), "truths: expected a RigidTransform"),
+    (metrics.pose_errors, (TWO, RigidTransform.identity(3)), "2 and 3"),
+    (metrics.pose_errors, (moved([[np.nan, 0, 0]]), IDENTITY), "estimates: .*, got NaN"),
+    (metrics.pose_errors, (TWO[[]], TWO[[]]), "estimates: .*, got none"),
+    (pose_from_euler_deg, ([[0, 0, 0]], [[0, 0, 0], [0, 0, 0]]), "angles_deg"),
+    (metrics.euler_deg, (np.eye(3),), "poses"),
+    (metrics.nearest_equivalent, (IDENTITY, IDENTITY, []), "symmetries"),
+    (metrics.waits, ([True, False], [True]), r"measured, counted: expected shape \(n,\)"),
+    (metrics.waits, (np.ones((2, 2)),), "measured, counted"),
+]
+
+
+@pytest.mark.parametrize(("call", "given", "message"), REFUSED)
 def test_refuses(call, given, message):
     with pytest.raises(ValueError, match=message):
         call(*given)

@@ -9,18 +9,13 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab import sensitivity
-from trinolab.bench.optics import Bench, blurred, digitise
-from trinolab.bench.scene import radiance
 from trinolab.camera import RigCovariance, displaced
 from trinolab.datasets import load_handle, load_rig
 from trinolab.default_covariance import PLACEMENT_MM, SCALE_SHARE, usual_covariance
 from trinolab.files.poses import contradictions, pose_table
 from trinolab.handle import facing_pixels
-from trinolab.measurement import measure
-from trinolab.parameters import Parameters
 from trinolab.pose import Pose, fit_pose, fit_response
 from trinolab.rigid import motion_between
-from workbench.studies.broken import covariance_of_such, miscalibrated
 
 BENT = np.array([-0.2, 0.1, 0.001, -0.002, 0.05])
 RAISED = load_rig("raised_40deg")
@@ -130,23 +125,6 @@ def test_the_papers_pose_answers_to_pixels_as_its_response_says():
 def test_no_response_without_a_pose():
     with pytest.raises(ValueError, match="uv: expected pixels that fix a pose"):
         fit_response(np.full((3, 12, 2), np.nan), RIG, CODED)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("count", [6, pytest.param(24, marks=pytest.mark.heavy)])
-def test_nees_of_checked_poses_of_stated_rigs(count):
-    """Rigs off by as much as their files say."""
-    rng, bench = np.random.default_rng(8), Bench()
-    clean = [blurred(radiance(camera, CODED, POSE, bench), bench) for camera in PAIR.cameras]
-    nees = []
-    for _ in range(count):
-        drawn = miscalibrated(PAIR, 0.3, 0.02, rng)
-        rig = replace(drawn, covariance=covariance_of_such(drawn, 0.3, 0.02))
-        images = [digitise(image, bench, rng) for image in clean]
-        pose = measure(images, rig, CODED, POSE, Parameters(estimator="paper", check=True)).pose
-        e = motion_between(pose.T_world_handle, POSE)
-        nees.append(e @ np.linalg.solve(pose.covariance, e))
-    assert abs(np.mean(nees) - 6) < 4 * np.sqrt(12 / count)
 
 
 def test_files_say_where_cameras_contradict_each_other():

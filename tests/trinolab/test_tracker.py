@@ -2,7 +2,6 @@
 
 from functools import partial
 
-import cv2
 import numpy as np
 import pytest
 from instants import POSE as T
@@ -67,22 +66,6 @@ def test_turned_markers_are_left_out_of_the_fit():
     assert 4 <= facing.markers < all_of_them.markers
     # their centroids lie beside the images of their centres
     assert facing.residual_px < all_of_them.residual_px
-
-
-@pytest.mark.parametrize("with_handle", [False, True])
-@pytest.mark.parametrize("estimator", ["paper", pytest.param("patches", marks=pytest.mark.heavy)])
-def test_five_hundred_spurious_markers(with_handle, estimator):
-    """Discs like a marker that faces the camera, at random all over the images: no pose, or the
-    right one.
-    """
-    rng, spoiled = np.random.default_rng(5), []
-    for image in frames(PAIR, "coded"):
-        drawn = image.copy() if with_handle else np.full_like(image, 45)
-        for u, v in rng.integers(20, [1260, 1004], (500, 2)):
-            cv2.circle(drawn, (int(u), int(v)), 7, 220, -1, cv2.LINE_AA)
-        spoiled.append(cv2.GaussianBlur(drawn, (0, 0), 0.7))
-    pose = measure(spoiled, RIG, CODED, parameters=Parameters(estimator=estimator)).pose
-    assert pose.status == "lost" or errors(pose)[0] < 2.0
 
 
 def test_dark_frames_and_noise_are_lost_and_a_covered_camera_leaves_the_pair():

@@ -2,7 +2,6 @@
 examples of the README and of the reference run.
 """
 
-import inspect
 import re
 from importlib import import_module
 
@@ -13,7 +12,6 @@ from makenotebook import glued, make_notebook
 
 import trinolab
 from trinolab import FACE
-from workbench.paper import ledger
 from workbench.sweep import runs
 
 
@@ -28,20 +26,6 @@ def test_the_names_of_the_face_are_the_things_themselves():
         assert name in dir(trinolab)
     assert trinolab.sweep(lambda a: 2 * a, a=[1, 4], progress=False)["result"].tolist() == [2, 8]
     assert trinolab.sweep.sweep is runs.sweep
-
-
-def test_the_map_has_each_name_in_the_order_of_the_data_with_its_equations():
-    """The docstring, which `help` shows first, and the names; the equations are those of the things'
-    own docstrings.
-    """
-    rows = re.findall(r"^`(\w+)`  +(Eq\. [\d-]+)?", trinolab.__doc__, re.MULTILINE)
-    assert [name for name, _ in rows] == list(FACE)
-    for name, equations in rows:
-        first = (inspect.getdoc(getattr(trinolab, name)) or "").partition("\n\n")[0]
-        named = ledger.equations_named(first)
-        if equations and named and not inspect.ismodule(getattr(trinolab, name)):
-            start, _, end = equations.removeprefix("Eq. ").partition("-")
-            assert set(map(int, named)) <= set(range(int(start), int(end or start) + 1)), name
 
 
 def test_an_unknown_name_is_an_attribute_error():
@@ -85,15 +69,15 @@ def tracks_a_recording(left, place):
     assert left["result"].errors.E_t_mm < 0.02
 
 
+CHECKS = [
+    (0, measures_an_instant),
+    (1, tracks_a_recording),
+    *(pytest.param(k, None, marks=pytest.mark.heavy) for k in (2, 3)),
+]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("number", "check"),
-    [
-        (0, measures_an_instant),
-        (1, tracks_a_recording),
-        *(pytest.param(k, None, marks=pytest.mark.heavy) for k in (2, 3)),
-    ],
-)
+@pytest.mark.parametrize(("number", "check"), CHECKS)
 def test_examples(number, check, place, monkeypatch):
     assert len(EXAMPLES) == 4
     monkeypatch.chdir(place)

@@ -96,15 +96,15 @@ def nees_of(rig, k, rng, noise_px, **options):
 EVERY = itertools.product((PAIR, RAISED), (NOISE_PX, 5 * NOISE_PX), (0.4, 0.7))
 
 
+DRAWS = [
+    (PAIR, NOISE_PX, 0.7, 60),
+    (RAISED, 5 * NOISE_PX, 0.4, 60),
+    *(pytest.param(*case, 240, marks=pytest.mark.heavy) for case in EVERY),
+]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("rig", "noise_px", "light", "count"),
-    [
-        (PAIR, NOISE_PX, 0.7, 60),
-        (RAISED, 5 * NOISE_PX, 0.4, 60),
-        *(pytest.param(*case, 240, marks=pytest.mark.heavy) for case in EVERY),
-    ],
-)
+@pytest.mark.parametrize(("rig", "noise_px", "light", "count"), DRAWS)
 def test_nees_of_drawn_centroids(rig, noise_px, light, count):
     """The bias is no draw: along it an error counts less than 1. Nor is any fault drawn, of which the
     covariance knows. Without the bias NEES is several times as large.

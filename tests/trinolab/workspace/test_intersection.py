@@ -153,22 +153,6 @@ def test_extent_of_facing_cones():
     assert found.radius == pytest.approx(h / 2 * np.sin(DEG20), abs=1e-7)
 
 
-@each("drawn 1", "drawn 2", "rig")
-def test_against_counting_points(cones):
-    found = intersect(cones)
-    rng, n = np.random.default_rng(7), 100_000
-    low, high = found.bounding_box
-    points = rng.uniform(low, high, (n, 3))
-    hit = inside(cones, points)
-    p, box = hit.mean(), np.prod(high - low)
-    assert abs(found.volume / box - p) < 4.5 * np.sqrt(p * (1 - p) / n)
-    scatter = points[hit].std(axis=0) / np.sqrt(hit.sum())
-    assert (np.abs(points[hit].mean(axis=0) - found.centroid) < 4.5 * scatter).all()
-    wider = rng.uniform(low - (high - low), high + (high - low), (n, 3))
-    outside = ((wider < low) | (wider > high)).any(axis=1)
-    assert not inside(cones, wider[outside]).any()
-
-
 def by_generators(cones, centre, n=2**18):
     """Volume and centroid by the divergence theorem, generator by generator of each cone in equal
     steps of its turn.
@@ -346,24 +330,24 @@ A, B = load_rig("paper_pair").cameras
 DISTORTED = Rig((A, Camera("b", B.size, B.matrix, np.array([0.1, 0, 0, 0, 0]), B.T_cam_world)))
 
 
-@pytest.mark.parametrize(
-    ("call", "given", "message"),
-    [
-        (Cone, ([0, 0, 0], [0, 0, 0], 0.3), "axis"),
-        (Cone, ([0, 0, 0], UP, 0.0), "half_angle"),
-        (Cone, ([0, 0, 0], UP, np.pi / 2), "half_angle"),
-        (intersect, ([],), "cones"),
-        (paper_cones, (0.0, 1.0, 1.0, 0.2), "baseline"),
-        (paper_cones, (1.0, 0.0, 1.0, 0.2), "beta1"),
-        (paper_cones, (1.0, 1.0, 2.0, 0.2), "beta2"),
-        (paper_cones, (1.0, np.pi / 2, np.pi / 2, 0.2), "axes that meet"),
-        (half_angle, ([1.0, -1.0], 2.0), "size"),
-        (cone_surface, (ONE, [-1.0], [0.0]), "a: "),
-        (surface_mesh, (paper(20), [10.0, 0.0, 0.0]), "centre"),
-        (surface_mesh, ([ONE], [0.0, 0.0, 1.0]), "without an end"),
-        (view_volume, (DISTORTED,), "camera b: expected no lens distortion"),
-    ],
-)
+REFUSED = [
+    (Cone, ([0, 0, 0], [0, 0, 0], 0.3), "axis"),
+    (Cone, ([0, 0, 0], UP, 0.0), "half_angle"),
+    (Cone, ([0, 0, 0], UP, np.pi / 2), "half_angle"),
+    (intersect, ([],), "cones"),
+    (paper_cones, (0.0, 1.0, 1.0, 0.2), "baseline"),
+    (paper_cones, (1.0, 0.0, 1.0, 0.2), "beta1"),
+    (paper_cones, (1.0, 1.0, 2.0, 0.2), "beta2"),
+    (paper_cones, (1.0, np.pi / 2, np.pi / 2, 0.2), "axes that meet"),
+    (half_angle, ([1.0, -1.0], 2.0), "size"),
+    (cone_surface, (ONE, [-1.0], [0.0]), "a: "),
+    (surface_mesh, (paper(20), [10.0, 0.0, 0.0]), "centre"),
+    (surface_mesh, ([ONE], [0.0, 0.0, 1.0]), "without an end"),
+    (view_volume, (DISTORTED,), "camera b: expected no lens distortion"),
+]
+
+
+@pytest.mark.parametrize(("call", "given", "message"), REFUSED)
 def test_refuses(call, given, message):
     with pytest.raises(ValueError, match=message):
         call(*given)
