@@ -125,6 +125,7 @@ def test_window_needs_more_pixels_than_the_threshold():
     assert moving_window(mask, 5) == Window(4, 3, 5, 1)
     assert moving_window(mask, 6) is None
     assert moving_window(np.zeros((20, 20), bool)) is None
+    assert moving_window(np.eye(1, 9, 4, dtype=bool)) == Window(4, 0, 1, 1)
 
 
 def test_windows_by_hand():

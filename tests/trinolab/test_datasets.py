@@ -8,7 +8,6 @@ from string import ascii_lowercase
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from trinolab import datasets
 from trinolab.camera import T_between, T_world_oxyz
@@ -107,16 +106,6 @@ def test_the_shipped_handles():
         assert len(handle.symmetries) == symmetries
     assert paper.rows_mm == ((10.0, -10.0),) * 6
     assert coded.rows_mm == ((10, -10), (10, -6), (10, -14), (10, -8), (10, -12), (10, -4))
-
-
-def test_nearest_rotation_is_the_nearest():
-    R_rl = load_calibration().R_rl
-    best = nearest_rotation(R_rl)
-    distance = np.linalg.norm(best.as_matrix() - R_rl)
-    rng = np.random.default_rng(0)
-    for size in (1e-5, 1e-4, 1e-3):
-        for turn in Rotation.from_rotvec(rng.normal(0, size, (200, 3))):
-            assert np.linalg.norm((turn * best).as_matrix() - R_rl) >= distance
 
 
 def test_rigs_and_handles_are_meant_by_name_file_or_value(tmp_path):

@@ -1,6 +1,6 @@
 """The chain of one instant, on rendered frames."""
 
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -78,37 +78,28 @@ def test_dark_frames_and_noise_are_lost_and_a_covered_camera_leaves_the_pair():
     assert (pose.status, pose.cameras) == ("measured", 2)
 
 
-class Rendered(dict):
-    """The frames of a clip by their numbers, each rendered when it is asked for."""
-
-    def __init__(self, poses):
-        self.poses = poses
-
-    def __missing__(self, k):
-        rng = np.random.default_rng([0, k])
-        light = 1.5 if k >= 6 else 1.0
-        self[k] = render_rig(RIG, PAPER, self.poses[k], Bench(), rng, Arm(), light)
-        return self[k]
+POSES = smooth_motion(np.random.default_rng(0), 0.4, 30.0)
 
 
-@pytest.fixture(scope="module")
-def clip():
-    """Twelve instants of a moving handle in a hand, the light half as bright again from the seventh
-    on.
+@cache
+def rendered(k=None):
+    """Images of a moving handle in a hand, the light half as bright again from the seventh instant
+    on; without a number of the empty scene.
     """
-    rng = np.random.default_rng(0)
-    poses = smooth_motion(rng, 0.4, 30.0)
-    return render_rig(RIG, PAPER, None, Bench(), rng), poses, Rendered(poses)
+    if k is None:
+        return render_rig(RIG, PAPER, None, Bench(), np.random.default_rng(0))
+    rng = np.random.default_rng([0, k])
+    return render_rig(RIG, PAPER, POSES[k], Bench(), rng, Arm(), 1.5 if k >= 6 else 1.0)
 
 
-@pytest.mark.parametrize("step_frames", [6, pytest.param(1, marks=pytest.mark.heavy)])
-def test_a_known_start_carries_the_equivalent_through_the_clip(clip, step_frames):
+@pytest.mark.parametrize("every", [6, pytest.param(1, marks=pytest.mark.heavy)])
+def test_a_known_start_carries_the_equivalent_through_the_clip(every):
     """Also where frames are dropped."""
-    empty, poses, images = clip
-    state = start(empty, RIG, -1 / 30, poses[0])
-    for k in range(0, len(poses), step_frames):
-        state, found = step(state, images[k], k / 30, RIG, PAPER)
-        distance, angle = errors(found.pose, poses[k])
+    empty = rendered()
+    state = start(empty, RIG, -1 / 30, POSES[0])
+    for k in range(0, len(POSES), every):
+        state, found = step(state, rendered(k), k / 30, RIG, PAPER)
+        distance, angle = errors(found.pose, POSES[k])
         assert found.pose.status == "measured"
         assert distance < 0.5
         assert angle < 5.0  # a flip would be 60 deg
@@ -125,17 +116,15 @@ def test_a_known_start_carries_the_equivalent_through_the_clip(clip, step_frames
         assert after.window == before.window
 
 
-@pytest.mark.parametrize(("pose", "t_s"), [(None, -0.1), (0, -1.0)])
-def test_without_a_start_or_with_an_old_one_the_layout_is_ambiguous(clip, pose, t_s):
-    empty, poses, images = clip
-    state = start(empty, RIG, t_s, None if pose is None else poses[pose])
+@pytest.mark.parametrize(("pose", "t_s"), [(None, -0.1), (POSES[0], -1.0)])
+def test_without_a_start_or_with_an_old_one_the_layout_is_ambiguous(pose, t_s):
+    state = start(rendered(), RIG, t_s, pose)
     # a second later: any turn may have happened
-    assert step(state, images[0], 0.0, RIG, PAPER)[1].pose.status == "ambiguous"
+    assert step(state, rendered(0), 0.0, RIG, PAPER)[1].pose.status == "ambiguous"
 
 
-def test_an_empty_scene_is_lost_and_has_no_window(clip):
-    empty, _, _ = clip
-    state, found = step(start(empty, RIG, 0.0), empty, 1 / 30, RIG, PAPER)
+def test_an_empty_scene_is_lost_and_has_no_window():
+    state, found = step(start(rendered(), RIG, 0.0), rendered(), 1 / 30, RIG, PAPER)
     assert found.pose.status == "lost"
     assert all(camera.window is camera.motion is None for camera in state.cameras)
 

@@ -332,30 +332,6 @@ def test_few_places_have_covariances(name, views):
     assert 0 <= found.wrong <= 1
 
 
-def test_neither_the_order_of_places_nor_of_cameras_matters():
-    rig = silent(THREE)
-    system = System(rig)
-    y = 0.3 * np.random.default_rng(13).standard_normal(len(system.J))
-    fit, _ = system.fit(y)
-    found = assess(fit, rig, UNPLACED)
-    places = fit.response
-    order = np.random.default_rng(14).permutation(len(places.points))
-    rows = (2 * order[:, None] + [0, 1]).ravel()
-    camera, points, marker = (part[order] for part in places[1:])
-    mixed = fit._replace(
-        response=Response(places.gain[:, order], 2 - camera, points, marker),
-        residuals_px=fit.residuals_px[order],
-        noise=fit.noise[np.ix_(rows, rows)],
-        explained=fit.explained[rows],
-    )
-    other = assess(mixed, rig.part([2, 1, 0]), UNPLACED)
-    np.testing.assert_allclose(other.correction, found.correction, rtol=1e-6, atol=1e-10)
-    for part in ("covariance_random", "systematic"):
-        one = getattr(found, part)
-        np.testing.assert_allclose(getattr(other, part), one, rtol=1e-6, atol=1e-9 * one.max())
-    assert other.weights == pytest.approx(found.weights)
-
-
 @pytest.mark.parametrize(
     ("mm", "deg", "wrong"), [(1.0, 0.1, 0.0455), (0.1, 2.5, 0.0455), (9, 9, 1)]
 )
