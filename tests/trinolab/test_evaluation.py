@@ -11,7 +11,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.datasets import data_path, load_handle
 from trinolab.evaluation import as_lines, evaluate
-from trinolab.files.poses import pose_table, read_poses, truth_table, write_poses
+from trinolab.files.poses import pose_table, truth_table, write_poses
 from trinolab.metrics import pose_from_euler_deg
 from trinolab.pose import LOST
 
@@ -170,22 +170,6 @@ def test_losses_count_what_can_be_seen(tmp_path):
     each.assign(b="many").to_csv(tmp_path / "truth_markers.csv", index=False)
     with pytest.raises(ValueError, match=r"truth_markers\.csv: expected numbers"):
         compared(tmp_path, T, statuses, truth=mixed)
-
-
-def test_tables_files_and_names_give_the_same(tmp_path):
-    T = truths()
-    found = truth_table(RigidTransform.from_translation([0.3, 0.0, 0.4]) * T)
-    write_poses(found, tmp_path / "p.csv")
-    write_poses(truth_table(T), tmp_path / "truth.csv")
-    for poses, truth, handle in (
-        (tmp_path / "p.csv", str(tmp_path / "truth.csv"), HANDLE),
-        (found, truth_table(T), load_handle("paper")),
-        (read_poses(tmp_path / "p.csv"), pd.read_csv(tmp_path / "truth.csv"), "paper"),
-        (found, tmp_path / "truth.csv", HANDLE),
-    ):
-        result = evaluate(poses, truth, handle)
-        assert counts(result) == (4, 4, 0, 0, 0)
-        assert result.errors.E_t_mm == pytest.approx(0.5, abs=1e-6)
 
 
 TABLE = truth_table(truths())

@@ -6,7 +6,7 @@ from instants import POSE, frames
 
 import trinolab
 from trinolab import methods
-from trinolab.datasets import data_path, load_handle, load_rig, rig_file
+from trinolab.datasets import load_handle, load_rig
 from trinolab.following.parameters import FollowParameters
 from trinolab.measurement import measure
 from trinolab.parameters import Parameters
@@ -19,22 +19,12 @@ def images():
 
 
 @pytest.mark.slow
-def test_names_files_and_values_are_measured_by_the_best_estimator():
-    asked = [
-        ("raised_40deg", "coded"),
-        (rig_file("raised_40deg"), str(data_path("handles", "coded.toml"))),
-        (RIG, CODED),
-    ]
-    given = [None, Parameters(estimator="best"), Parameters(max_slant_deg=70.0)]
-    found = [
-        measure(images(), *one, parameters=p).pose for one, p in zip(asked, given, strict=True)
-    ]
-    matrices = [pose.T_world_handle.as_matrix().tolist() for pose in found]
-    assert matrices[0] == matrices[1] == matrices[2]
-    away = found[0].T_world_handle.translation - POSE.translation
-    assert np.linalg.norm(away) < 0.02  # mm
+def test_the_best_estimator_is_the_default_and_the_paper_s_is_named():
+    by_default = measure(images(), "raised_40deg", "coded").pose
     paper = measure(images(), RIG, CODED, parameters=Parameters(estimator="paper")).pose
-    assert found[0].sigma_mm < 0.01 < 0.03 < paper.sigma_mm  # mm
+    away = by_default.T_world_handle.translation - POSE.translation
+    assert np.linalg.norm(away) < 0.02  # mm
+    assert by_default.sigma_mm < 0.01 < 0.03 < paper.sigma_mm  # mm
 
 
 def test_the_parameters_know_best_and_leave_the_choice_open():

@@ -131,9 +131,7 @@ def test_files_say_where_cameras_contradict_each_other():
     good = Pose("measured", POSE, np.eye(6), 0.1, 6, 2)
     wrong = replace(good, systematic=np.eye(6))
     (line,) = contradictions(pose_table([good] * 6 + [wrong] * 4), "a/rig.toml")
-    assert line.startswith(
-        "a/rig.toml: the cameras contradict each other in 4 of 10 poses"
-    )
+    assert line.startswith("a/rig.toml: the cameras contradict each other in 4 of 10 poses")
     assert "rig.covariance.toml" in line
     assert contradictions(pose_table([good] * 10 + [wrong]), "rig.toml") == []
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.camera import Camera, Rig, T_between
@@ -117,7 +117,8 @@ def test_triangulate_averages_the_pairs_that_see_a_marker():
         ]
         expected = sum(each) / len(each) if each else np.full(3, np.nan)
         assert_allclose(points[marker], expected, rtol=0, atol=EXACT_MM)
-        assert_array_equal(mean_point([[p] for p in each] or [[expected]]), [points[marker]])
+        mean = mean_point([[p] for p in each] or [[expected]])
+        assert_allclose(mean, [expected], rtol=0, atol=EXACT_MM)
     assert triangulate(rig, np.empty((3, 0, 2))).shape == (0, 3)
     assert triangulation_covariance(rig, np.empty((3, 0, 2)), 0.1).shape == (0, 3, 3)
 
@@ -160,17 +161,6 @@ def test_a_point_ten_kilometres_away():
     found = triangulate_pair(PLAIN, SIDE, PLAIN.project(points), SIDE.project(points))
     # mm; rounding of 1e-16 over 1e-5 rad, times 1e7 mm: 1e-4
     assert found[0, 2] == pytest.approx(1e7, abs=1)
-
-
-def test_covariance_of_a_parallel_pair_by_hand():
-    # z = f B/(u_l - u_r), x = z (u_l - cx)/f, y = z (v_l - cy)/f on the left axis: x, y = 0, u_l -
-    # u_r = f B/z = 200
-    covariance = triangulation_covariance(Rig((PLAIN, SIDE)), [[(320, 240)], [(120, 240)]], 0.1)[0]
-    sigma_z, sigma_x = 400**2 / (800 * 100) * np.sqrt(2) * 0.1, 400 / 800 * 0.1
-    shared = 400**2 / (800 * 100) * 0.1 * sigma_x  # u_l moves x up and z down
-    expected = [[sigma_x**2, 0, -shared], [0, sigma_x**2, 0], [-shared, 0, sigma_z**2]]
-    # mm^2; the differences are good to 1e-11
-    assert_allclose(covariance, expected, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("hidden", [None, 0, 1, 2])

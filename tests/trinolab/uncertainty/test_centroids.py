@@ -153,6 +153,4 @@ def test_the_pose_is_that_of_the_paper():
     np.testing.assert_array_equal(
         found.T_world_handle.as_matrix(), papers.T_world_handle.as_matrix()
     )
-    for name in ("residual_px", "markers", "cameras"):
-        assert getattr(found, name) == getattr(papers, name)
     assert pose_of_centroids(np.full_like(uv, np.nan), RAISED, CODED) is LOST
