@@ -90,12 +90,6 @@ def test_a_contour_is_taken_again_halfway_up_the_flank(threshold, within):
     assert (after.u, after.v) == pytest.approx((60, 50), abs=0.01)
 
 
-def test_a_flat_image_has_no_steps_and_no_markers():
-    image = np.full((50, 70), 90, dtype=np.uint8)
-    assert iterative_threshold(image, 12) == ()
-    assert find_markers(image, 12).uv.shape == (0, 2)
-
-
 def test_discs_have_their_centroids_diameters_and_contrasts():
     rng = np.random.default_rng(1)
     truth = np.array([*THREE, (40, 85)]) + rng.uniform(-0.5, 0.5, (4, 2))

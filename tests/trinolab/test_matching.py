@@ -140,12 +140,10 @@ ONE, NONE = np.ones((1, 2)), np.empty((0, 2))
 
 REFUSED = [
     (MatchParameters, (0.0,)),
-    (MatchParameters, (1.0, 1.5)),
     (MatchParameters, (1.0, 0.5, 20)),
     (MatchParameters, (1.0, 0.5, 1)),
     (Matches, ([[0, -1]], [0], [0])),
     (Matches, ([[0, 0.5]], [0], [0])),
-    (epipolar_distances, (PAIR[0], PAIR[0], ONE, ONE)),
     (matching.in_order, (pairs([[0, 1]]), *PAIR, ONE, ONE, 2.0)),
     (matching.in_order, (pairs([[0, 0]]), *PAIR, ONE, ONE, -1.0)),
     (confirmed, (pairs(NONE), PAIR, [ONE] * 2, 3.0)),

@@ -28,11 +28,6 @@ def test_the_names_of_the_face_are_the_things_themselves():
     assert trinolab.sweep.sweep is runs.sweep
 
 
-def test_an_unknown_name_is_an_attribute_error():
-    with pytest.raises(AttributeError, match="'trinolab' has no attribute 'mesure'"):
-        getattr(trinolab, "mesure")  # noqa: B009  what Python does for the name with a dot
-
-
 # --- the README's block of Python, and those of the first page of the API reference
 
 EXAMPLES = [*blocks("README.md", "From Python"), *blocks("book/api/index.md", "Examples")]
