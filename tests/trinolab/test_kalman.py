@@ -157,10 +157,8 @@ def test_search_window_by_hand():
 def test_drawn_motion_has_the_models_moments():
     draws, rng = 400, np.random.default_rng(7)
     F, Q = kalman.constant_acceleration(0.5), kalman.white_jerk(0.5, 100.0)
-    start = kalman.initial_state(
-        [1.0, 2.0],
-        kalman.KalmanParameters(sigma_px=1.0, velocity_sigma=3.0, acceleration_sigma=5.0),
-    )
+    p = kalman.KalmanParameters(sigma_px=1.0, velocity_sigma=3.0, acceleration_sigma=5.0)
+    start = kalman.predict(kalman.initial_state([1.0, 2.0], p), F, Q)
     drawn = np.array(
         [np.hstack([part[-1] for part in draw(start, 2, F, Q, H, R, rng)]) for _ in range(draws)]
     )

@@ -13,6 +13,7 @@ from trinolab.bench.scene import render_rig
 from trinolab.camera import epipolar_lines
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.matching import Matches, MatchParameters, confirmed, epipolar_distances, match, ncc
+from trinolab.sensitivity import offsets_of
 
 RIG, TRIO = load_rig("paper_pair"), load_rig("raised_40deg").cameras
 PAIR = RIG.cameras
@@ -100,9 +101,13 @@ def test_rendered_markers_are_among_the_candidates_and_matched():
     (of_rig,) = matching.rig_candidates(RIG, frames, uv)
     for part in ("index", "distance_px", "ncc"):
         np.testing.assert_allclose(getattr(of_rig, part), getattr(found, part), atol=1e-9)
-    # of a rig that may be off more passes: the gate is wider
-    (wider,) = matching.rig_candidates(replace(RIG, covariance=None), frames, uv)
-    assert len(wider) > len(found)
+    # of a rig that may be off more passes: the gate is wider, by four sigmas
+    silent = replace(RIG, covariance=None)
+    (wider,) = matching.rig_candidates(silent, frames, uv)
+    gate = np.hypot(2.0, 4.0 * offsets_of(silent, uv).apart_px(0, 1))
+    expected = matching.candidates(*PAIR, *frames, *uv, MatchParameters(epipolar_gate_px=gate))
+    assert len(expected) > len(found)
+    assert wider.index.tolist() == expected.index.tolist()
     # the same from either side, with a gate that lets everything pass
     wide = MatchParameters(epipolar_gate_px=1e4)
     back = match(*PAIR[::-1], *frames[::-1], *uv[::-1], wide).index[:, ::-1]

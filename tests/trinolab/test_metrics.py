@@ -191,12 +191,12 @@ def test_four_markers_by_one_camera_or_three_by_two_fix_a_pose():
 
 
 def test_nees_is_the_squared_number_of_standard_deviations():
-    """2 sigma in x, and 3 sigma about the world's z, whatever the pose: 4 + 9, and each alone."""
+    """2, 1 and 1 sigma along, and 1, 1 and 3 sigma about the world's axes, whatever the pose."""
     truth = random_poses(1, np.random.default_rng(2))[0]
     C = np.diag([0.1, 0.2, 0.3, 0.01, 0.02, 0.03]) ** 2
-    turn = Rotation.from_rotvec([0, 0, 0.09])
-    found = RigidTransform.from_components(truth.translation + [0.2, 0, 0], turn * truth.rotation)
-    assert metrics.nees(found, C, truth) == pytest.approx([13, 4, 9])
+    shift, turn = [0.2, 0.2, 0.3], Rotation.from_rotvec([0.01, 0.02, 0.09])
+    found = RigidTransform.from_components(truth.translation + shift, turn * truth.rotation)
+    assert metrics.nees(found, C, truth) == pytest.approx([17, 6, 11])
 
 
 def test_nees_counts_correlation():

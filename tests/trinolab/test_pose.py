@@ -6,7 +6,7 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.datasets import load_handle
-from trinolab.pose import LOST, Pose, rigid_fit, rigid_fit_covariance, rigid_fit_gain, weighted_fit
+from trinolab.pose import Pose, rigid_fit, rigid_fit_covariance, rigid_fit_gain, weighted_fit
 from trinolab.rigid import motion_between, shifted
 
 # mm and rad; the numbers up to 600 at 1e-16, in a few sums: the worst exact fit is 1e-13 off
@@ -158,11 +158,6 @@ def test_a_poses_sigmas_are_roots_of_traces_of_the_whole():
     found = pose.sigma_mm, pose.systematic_mm, pose.sigma_deg, pose.systematic_deg
     expected = np.sqrt(0.65), 0.4, np.degrees(0.05), np.degrees(0.04)
     assert found == pytest.approx(expected, abs=1e-12)
-
-
-def test_a_lost_pose_has_no_numbers():
-    assert (LOST.status, LOST.T_world_handle, LOST.markers, LOST.cameras) == ("lost", None, 0, 0)
-    assert np.isnan([LOST.sigma_mm, LOST.sigma_deg, LOST.residual_px]).all()
 
 
 C4 = np.broadcast_to(np.eye(3), (4, 3, 3))

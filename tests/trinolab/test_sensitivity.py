@@ -14,6 +14,7 @@ from trinolab.datasets import load_handle, load_rig
 from trinolab.default_covariance import PLACEMENT_MM, SCALE_SHARE, usual_covariance
 from trinolab.files.poses import contradictions, pose_table
 from trinolab.handle import facing_pixels
+from trinolab.matching import epipolar_distances
 from trinolab.pose import Pose, fit_pose, fit_response
 from trinolab.rigid import motion_between
 
@@ -125,6 +126,19 @@ def test_the_papers_pose_answers_to_pixels_as_its_response_says():
 def test_no_response_without_a_pose():
     with pytest.raises(ValueError, match="uv: expected pixels that fix a pose"):
         fit_response(np.full((3, 12, 2), np.nan), RIG, CODED)
+
+
+def test_images_are_apart_by_what_displaced_rigs_make_of_the_epipolar_distance():
+    sigma = np.zeros((2, 15))
+    sigma[:, 2:4] = 0.2
+    sigma[:, 9:12] = 1e-4
+    rig = replace(PAIR, covariance=RigCovariance(PAIR.names, np.diag(sigma.ravel() ** 2)))
+    uv = [camera.project([POSE.translation]) for camera in PAIR.cameras]
+    moved = [displaced(PAIR, step) for step in np.diag(sigma.ravel())]
+    each = [epipolar_distances(*one.cameras, *uv)[0, 0] for one in moved]
+    found = sensitivity.offsets_of(rig, uv).apart_px(0, 1)
+    # both images have a part in the distance, which is counted in one
+    assert found == pytest.approx(np.linalg.norm(each), rel=0.02)
 
 
 def test_files_say_where_cameras_contradict_each_other():
