@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from scipy.linalg import lstsq
 from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.special import logsumexp
@@ -24,8 +25,8 @@ from trinolab.estimators.pixels import fit_patches
 from trinolab.estimators.reprojection import fit_centroids
 from trinolab.handle import slants
 from trinolab.parameters import Parameters
-from trinolab.rigid import motion_between
-from trinolab.sensitivity import Response, by_parameters, motion_slopes
+from trinolab.rigid import motion_between, shifted
+from trinolab.sensitivity import Response, by_parameters, known_errors, motion_slopes
 from trinolab.uncertainty import assessment, components
 from trinolab.uncertainty.assessment import FREEDOM, LinearFit, RigInformation, assess
 from trinolab.uncertainty.components import FAULTS, NO_FAULT, Prior
@@ -189,12 +190,12 @@ def test_an_assessment_is_the_integral_over_sizes_and_scale(name, monkeypatch):
         found = assess(fit, rig, handle)
         mean, covariance, by_fault = integrated(system.J, y, cases)
         sigma = np.sqrt(np.diag(covariance))
-        np.testing.assert_allclose((error + found.correction - mean) / sigma, 0, atol=1e-4)
+        assert_allclose((error + found.correction - mean) / sigma, 0, atol=1e-4)
         off = (total(found) - covariance) / np.outer(sigma, sigma)
-        np.testing.assert_allclose(off, 0, atol=1e-4)
+        assert_allclose(off, 0, atol=1e-4)
         assert found.weights == pytest.approx(by_fault, abs=1e-4)
         moved = motion_between(found.T_world_handle, POSE)
-        np.testing.assert_allclose(moved, found.correction, atol=1e-9)
+        assert_allclose(moved, found.correction, atol=1e-9)
 
 
 def test_noise_of_an_exact_rig_and_handle_is_the_fits_own():
@@ -207,6 +208,43 @@ def test_noise_of_an_exact_rig_and_handle_is_the_fits_own():
     assert not found[0].systematic.any()
     sigmas = [np.sqrt(np.trace(total(one)[:3, :3])) for one in found]
     assert sigmas[2] > 2 * sigmas[1] > 4 * sigmas[0]
+
+
+def test_components_are_the_shifts_that_their_errors_make():
+    """Beside `known_errors`, which sums in another way, and differences of the places."""
+    places, rig = System(THREE).places, known_to(THREE, 0.3)
+    for handle in (PLACED, UNPLACED):
+        parts = [
+            components.of_rig(places, rig, rig.covariance),
+            components.of_placement(places, rig, PLACEMENT_MM),
+            *([components.of_scale(places, rig)] if handle is UNPLACED else []),
+        ]
+        total_px2 = sum(part.shape @ part.shape.T for part in parts)
+        assert_allclose(total_px2, known_errors(places, rig, handle), rtol=1e-6, atol=1e-9)
+
+    def seen(motion):
+        points = shifted(POSE, motion).apply(POSE.inv().apply(places.points))
+        each = zip(places.camera, points, strict=True)
+        return np.stack([THREE.cameras[c].project([X])[0] for c, X in each])
+
+    rows = seen(np.zeros(6))[:, 1] - [THREE.cameras[c].principal_point[1] for c in places.camera]
+    heights = CODED.marker_centres[places.marker, 1].round(3)
+    rolling = components.of_rolling_shutter(places, THREE, POSE.translation).shape
+    rigid = components.of_rigid_rows(places, THREE, CODED, POSE.translation).shape
+    for k, step in enumerate(np.diag([0.1] * 3 + [5e-4] * 3)):
+        # by 1 mm, or 5 mrad; per thousand rows, or by 0.05 mm and 0.05 mm at the radius of 5 mm
+        moved = (seen(step) - seen(-step)) / 2
+        unit = 10 * moved * rows[:, None] / 1000
+        assert_allclose(rolling[:, k], unit.ravel(), rtol=1e-4, atol=1e-4)
+        for r, height in enumerate(np.unique(heights)):
+            own = moved * (0.5 if k < 3 else 20) * (heights == height)[:, None]
+            assert_allclose(rigid[:, 6 * r + k], own.ravel(), rtol=1e-4, atol=1e-4)
+    bent = components.of_distortion(places, THREE).shape.reshape(-1, 2, 3, 2, 2)
+    for c in range(3):
+        mine = places.camera == c
+        assert (bent[mine, :, c] ** 2).sum() == pytest.approx(2 * mine.sum())
+        assert_allclose(bent[mine].sum(axis=0), 0, atol=1e-9)
+        assert not bent[~mine, :, c].any()
 
 
 def without_faults(monkeypatch):
@@ -227,13 +265,13 @@ def test_where_all_is_stated_and_nothing_wrong_it_is_generalised_least_squares(m
     fit, error = system.fit(y)
     found = assess(fit, rig, PLACED)
     estimate, covariance, square = gauss_markov(system.J, y, V)
-    np.testing.assert_allclose(error + found.correction, estimate, rtol=1e-6)
+    assert_allclose(error + found.correction, estimate, rtol=1e-6)
     scale = (FREEDOM + square) / (FREEDOM + len(y) - 6 - 2)
-    np.testing.assert_allclose(total(found), scale * covariance, rtol=1e-6)
+    assert_allclose(total(found), scale * covariance, rtol=1e-6)
     # what no pixel of another instant averages away
     gain = covariance @ np.linalg.solve(V, system.J).T
     random = scale * gain @ system.noise @ gain.T
-    np.testing.assert_allclose(found.covariance_random, random, rtol=1e-6)
+    assert_allclose(found.covariance_random, random, rtol=1e-6)
 
 
 def test_the_rig_that_a_fit_is_made_with_does_not_matter():
@@ -251,9 +289,9 @@ def test_the_rig_that_a_fit_is_made_with_does_not_matter():
     found, there = assess(fit, rig, CODED), assess(other, rig, CODED, near)
     sigma = np.sqrt(np.diag(total(found)))
     moved = error + found.correction - other_error - there.correction
-    np.testing.assert_allclose(moved / sigma, 0, atol=0.01)
+    assert_allclose(moved / sigma, 0, atol=0.01)
     shift = slopes @ (found.displacement - there.displacement)
-    np.testing.assert_allclose(shift, 0, atol=0.01 * np.abs(slopes @ found.displacement).max())
+    assert_allclose(shift, 0, atol=0.01 * np.abs(slopes @ found.displacement).max())
 
 
 def test_instants_one_after_the_other_are_all_of_them_together(monkeypatch):
@@ -282,19 +320,19 @@ def test_instants_one_after_the_other_are_all_of_them_together(monkeypatch):
     y = np.concatenate([*(y for _, y in rows), np.zeros(6)])
     variances = np.concatenate([*(np.diag(s.noise) for s in systems), np.full(6, 0.3**2)])
     estimate, covariance, _ = gauss_markov(J, y, np.diag(variances))
-    np.testing.assert_allclose(error + found.correction, estimate[18:24], rtol=1e-4, atol=1e-7)
+    assert_allclose(error + found.correction, estimate[18:24], rtol=1e-4, atol=1e-7)
     sigma = np.sqrt(np.diag(total(found)))
     off = (total(found) - covariance[18:24, 18:24]) / np.outer(sigma, sigma)
-    np.testing.assert_allclose(off, 0, atol=1e-4)
+    assert_allclose(off, 0, atol=1e-4)
     of_rig = found.displacement.reshape(3, 15)[:, 2:4].ravel()
-    np.testing.assert_allclose(of_rig, estimate[24:], atol=1e-5)
+    assert_allclose(of_rig, estimate[24:], atol=1e-5)
 
 
 def test_what_is_older_counts_for_less():
     one, other = (RigInformation(v * np.eye(2), np.full(2, v)) for v in (1.0, 10.0))
     both = one.then(other)
-    np.testing.assert_allclose(both.matrix, 10.9 * np.eye(2))
-    np.testing.assert_allclose(both.vector, 10.9)
+    assert_allclose(both.matrix, 10.9 * np.eye(2))
+    assert_allclose(both.vector, 10.9)
 
 
 FEW = {
@@ -324,7 +362,7 @@ def test_few_places_have_covariances(name, views):
     fit = LinearFit(POSE, covariance, answers, residuals, noise, explained)
     found = assess(fit, rig, handle)
     for part in (found.covariance_random, found.systematic):
-        np.testing.assert_allclose(part, part.T, atol=1e-12 * np.abs(part).max())
+        assert_allclose(part, part.T, atol=1e-12 * np.abs(part).max())
         assert np.linalg.eigvalsh(part)[0] > -1e-9 * np.abs(part).max()
     assert np.isfinite(found.correction).all()
     assert np.isfinite(found.displacement).all()
