@@ -139,11 +139,6 @@ def test_oxyz_looks_midway_between_axes_that_are_not_parallel():
     np.testing.assert_allclose(T.translation, [5, 0, 0], atol=1e-12)
 
 
-def test_pairs_are_in_order():
-    assert load_rig("paper_trinocular").pairs == ((0, 1), (0, 2), (1, 2))
-    assert load_rig("paper_pair").pairs == ((0, 1),)
-
-
 def test_the_difference_of_two_rigs_leads_from_one_to_the_other():
     rig = replace(
         load_rig("raised_40deg"), covariance=RigCovariance(["ccd1", "ccd2", "ccd3"], np.eye(45))

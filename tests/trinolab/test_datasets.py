@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from trinolab import datasets
-from trinolab.camera import T_between, T_world_oxyz
+from trinolab.camera import T_between
 from trinolab.datasets import load_calibration, load_handle, load_rig, load_table1, paper_rig
 from trinolab.rigid import nearest_rotation
 from workbench.studies.scoreboard import load_claims
@@ -79,8 +79,7 @@ def test_rig_files_equal_what_the_calibration_gives(name, elevation):
 def test_ccd2_is_where_eq25_puts_it():
     # X_l = R_rl X_r + T_rl: CCD2's centre is T_rl in CCD1's frame, its axis the third column of
     # R_rl.
-    rig = load_rig("paper_pair")
-    ccd1, ccd2 = rig.cameras
+    ccd1, ccd2 = load_rig("paper_pair").cameras
     np.testing.assert_array_equal(ccd1.T_cam_world.as_matrix(), np.eye(4))
     np.testing.assert_allclose(ccd2.centre, [98.7723, 0.8410, 9.1032], atol=1e-9)
     # the printed column, off by 3e-4
@@ -89,11 +88,6 @@ def test_ccd2_is_where_eq25_puts_it():
     R_rl, T_rl = load_calibration()[2:]
     # mm; 500 mm times what the printed matrix is off
     np.testing.assert_allclose(T_between(ccd1, ccd2).apply(X_r), R_rl @ X_r + T_rl, atol=0.3)
-    x, _, z = T_world_oxyz(rig).rotation.as_matrix().T
-    assert np.linalg.norm(ccd2.centre) == pytest.approx(99.19, abs=0.005)
-    angles = np.rad2deg(np.arccos([ccd1.axis @ ccd2.axis, ccd1.axis @ x, -(ccd2.axis @ x)]))
-    np.testing.assert_allclose(angles, [10.45, 84.7, 84.9], atol=0.05)  # deg; given so
-    assert (ccd1.axis + ccd2.axis) @ z > 1.98
 
 
 def test_the_shipped_handles():
@@ -129,7 +123,6 @@ REFUSED = [
     (datasets.rig_of, "coded", "it is a shipped handle: likely rig and handle are exchanged"),
     (datasets.rig_of, None, "^rig: expected a file or the name of a shipped one .*, got None$"),
     (datasets.rig_of, load_handle("coded"), "rig: .*, got a Handle$"),
-    (datasets.handle_of, "code", r"^code: no such file, and no shipped handle \(coded, paper\)$"),
     (datasets.handle_of, "paper_pair", "it is a shipped rig: likely"),
 ]
 

@@ -162,6 +162,13 @@ def test_losses_count_what_can_be_seen(tmp_path):
     known = compared(tmp_path, T, statuses, truth=mixed)
     assert (known.track.waits, known.track.unended) == ((1,), 1)
     assert (known.visible, known.visible_measured) == (5, 2)
+    text = " ".join(" ".join(as_lines(known)).split())
+    for words in (
+        "measured 3 37.5 %",
+        "visible 5 40.0 % measured",
+        "losses 2 back after 1 instants",
+    ):
+        assert words in text
     each = pd.DataFrame({"frame": range(8), "a": [4, 4, 3, 0, 4, 2, 3, 1], "b": 0, "c": 0})
     each["b"], each.loc[6, "c"] = [0, 0, 3, 5, 2, 2, 2, 6], 3
     each.sample(frac=1, random_state=0).to_csv(tmp_path / "truth_markers.csv", index=False)
@@ -195,15 +202,16 @@ ALL, SOME, FEW = "measured", ["measured"] * 3 + ["ambiguous"], ["measured"] * 2 
 
 
 HANDLES = [
-    (0, ALL, HANDLE, CODED, "beside the truth, is coded with 1: likely --handle .* is meant"),
-    (0, ALL, CODED, CODED, None),
-    (2, ALL, CODED, None, "likely --handle paper is meant"),
-    (None, ALL, CODED, None, None),
-    (0, ALL, HANDLE, None, "no pose needs the 12 symmetries of paper, the errors are"),
-    (0, SOME, HANDLE, None, None),
-    (1, ALL, HANDLE, None, None),
-    (0, ALL, HANDLE, HANDLE, None),
-    (2, FEW, CODED, None, None),
+    (SYMMETRIES[0], ALL, HANDLE, CODED, "is coded with 1: likely --handle .* is meant"),
+    (SYMMETRIES[0], ALL, CODED, CODED, None),
+    (SYMMETRIES[2], ALL, CODED, None, "likely --handle paper is meant"),
+    (SYMMETRIES[2] * turn_deg("X", 20.0), ALL, CODED, None, "likely --handle paper is meant"),
+    (turn_deg("X", 20.0), ALL, CODED, None, None),  # no symmetry explains that
+    (SYMMETRIES[0], ALL, HANDLE, None, "no pose needs the 12 symmetries of paper, the errors are"),
+    (SYMMETRIES[0], SOME, HANDLE, None, None),
+    (SYMMETRIES[1], ALL, HANDLE, None, None),
+    (SYMMETRIES[0], ALL, HANDLE, HANDLE, None),
+    (SYMMETRIES[2], FEW, CODED, None, None),
 ]
 
 
@@ -213,9 +221,7 @@ def test_another_handle_than_the_likely_one_is_named(
 ):
     if beside is not None:  # the file beside the truth says which handle it is
         shutil.copy(beside, tmp_path / "handle.toml")
-    # no symmetry explains an error of 20 deg
-    turned = turn_deg("X", 20.0) if turn is None else SYMMETRIES[turn]
-    compared(tmp_path, truths() * turned, statuses, handle=handle)
+    compared(tmp_path, truths() * turn, statuses, handle=handle)
     lines = [one.getMessage() for one in caplog.records if one.levelno == logging.WARNING]
     assert len(lines) == (said is not None)
     assert all(re.search(said, line) for line in lines)

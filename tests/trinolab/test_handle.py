@@ -90,7 +90,6 @@ LAYOUTS = {
     "alternating rows": (handle(columns_deg=SIX, rows_mm=[[10.0], [-10.0]] * 3), 6),
     "five columns of six": (handle(columns_deg=SIX[:5], rows_mm=[[10.0, -10.0]] * 5), 2),
     "uneven columns": (handle(columns_deg=[0.0, 50.0, 170.0], rows_mm=[[10.0, 0.0]] * 3), 1),
-    "uneven lengths": (handle(columns_deg=[0.0, 180.0], rows_mm=[[10.0, 0.0, -10.0], [0.0]]), 2),
 }
 
 
@@ -193,7 +192,6 @@ REFUSED = [
     ("radius_mm", {"radius_mm": 1.1e6}),
     ("placement_sigma_mm", {"placement_sigma_mm": -0.1}),
     ("marker_diameter_mm", {"marker_diameter_mm": -3.0}),
-    ("top_mm", {"top_mm": -1.1e6}),
     ("columns_deg", {"columns_deg": [], "rows_mm": []}),
     ("columns_deg", {"columns_deg": [0.0, 5.5e240]}),
     ("rows_mm", {"rows_mm": [[10.0]]}),

@@ -10,7 +10,6 @@ from trinolab.lens import distort, project_with_slopes, undistort
 
 LENSES = {
     "none": [0, 0, 0, 0, 0],
-    "barrel": [-0.3, 0.1, 0, 0, 0],
     "tangential": [0, 0, 0.01, -0.02, 0],
     "all": [-0.25, 0.08, 0.003, -0.002, -0.01],
     "rational": [0.9, 0.11, 1e-3, -2e-3, 0.003, 1.22, 0.32, 0.022],

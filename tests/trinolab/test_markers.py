@@ -140,10 +140,8 @@ def test_a_bright_neighbour_does_not_pull_the_centroid():
 SCENES = [
     ({"background_grey": 150}, "bright", 1.0),  # as bright as markers
     ({}, "bright", 0.4),  # markers of 6 px
-    pytest.param({}, "bright", 1.0, marks=pytest.mark.heavy),
     pytest.param({}, "dark", 1.0, marks=pytest.mark.heavy),
     pytest.param({"read_noise": 8}, "bright", 1.0, marks=pytest.mark.heavy),
-    pytest.param({"blur_px": 2}, "bright", 1.0, marks=pytest.mark.heavy),
     pytest.param({}, "bright", 2.2, marks=pytest.mark.heavy),  # 35 px
 ]
 

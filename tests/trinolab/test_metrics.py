@@ -164,10 +164,8 @@ def test_far_off_has_two_limits():
 
 
 WAITS = [
-    ("", None, (), None),
     ("0000", None, (), None),
     ("1111", None, (), None),
-    ("0011", None, (), None),
     ("1001", None, (2,), None),
     ("0101100010", None, (1, 3), 1),
     ("1000", None, (), 3),

@@ -95,13 +95,6 @@ def test_no_pose_without_three_points_off_a_line(case):
     assert weighted_fit(source, target, np.ones((len(source), 1, 1)) * np.eye(3)) is None
 
 
-def test_eq24_as_printed_is_singular_for_the_papers_minimum():
-    model = np.column_stack([TWO_COLUMNS, np.ones(4)]).T
-    # 20, 8.9, 5 and 0: rows 10, 10, -10, -10 and the like, and the rounding of 1e-16 of them
-    singular = np.linalg.svd(model, compute_uv=False)
-    np.testing.assert_allclose(singular, [20, 8.888194, 5, 0], rtol=0, atol=1e-6)
-
-
 # --- covariance
 
 

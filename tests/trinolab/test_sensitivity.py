@@ -51,12 +51,6 @@ def test_nothing_is_systematic_where_all_is_exact_and_what_is_usual_where_nothin
     silent = sensitivity.systematic_covariance(found, replace(RIG, covariance=None), CODED)
     np.testing.assert_array_equal(silent, sensitivity.systematic_covariance(found, usual, CODED))
     assert silent.any()
-    placed = replace(CODED, placement_sigma_mm=PLACEMENT_MM)
-    unplaced = replace(CODED, placement_sigma_mm=None)
-    np.testing.assert_array_equal(
-        sensitivity.systematic_covariance(found, RIG, unplaced),
-        sensitivity.systematic_covariance(found, RIG, placed),
-    )
 
 
 def test_a_handle_that_says_nothing_may_be_larger_as_a_whole():

@@ -248,9 +248,7 @@ HOSTILE = {
     "facing away": ([Cone([0, 0, 0], DOWN, DEG20), Cone([0, 0, 100], UP, DEG20)], "empty"),
     "back to back in one point": ([ONE, Cone([0, 0, 0], DOWN, DEG20)], "empty"),
     "an apex on the other's surface": ([ONE, Cone(ON_SURFACE, [1, 0, 0], DEG20)], "empty"),
-    "side by side": ([ONE, Cone([10, 0, 0], UP, DEG20)], "unbounded"),
     "one alone": ([ONE], "unbounded"),
-    "one alone, twice": ([ONE, ONE], "unbounded"),
     "a common direction, apart": ([ONE, Cone([100, 0, 0], TURNED, DEG20)], "empty"),
     "a common direction, overlapping": ([ONE, Cone([-100, 0, 0], TURNED, DEG20)], "unbounded"),
     "needles that miss": ([NEEDLE, Cone([5, 1, 10], [-1, 0, 0], 1e-4)], "empty"),
@@ -275,10 +273,8 @@ def test_status(name):
 
 
 def test_half_angle_of_ccd1():
-    assert np.rad2deg(half_angle([1280, 1024], [2956.2067, 2940.0975])) == pytest.approx(
-        15.5, abs=0.05
-    )
-    assert np.rad2deg(half_angle([1280, 0.001], 2956.2067)) == pytest.approx(12.2, abs=0.05)
+    omega = half_angle([1280, 1024], [2956.2067, 2940.0975])
+    assert np.rad2deg(omega) == pytest.approx(15.5, abs=0.05)
     assert half_angle([6.0, 8.0], 5.0) == pytest.approx(np.pi / 4)
 
 
