@@ -195,7 +195,6 @@ REFUSED = [
     ("columns_deg", {"columns_deg": [], "rows_mm": []}),
     ("columns_deg", {"columns_deg": [0.0, 5.5e240]}),
     ("rows_mm", {"rows_mm": [[10.0]]}),
-    ("rows_mm", {"rows_mm": 10.0}),
     ("rows_mm", {"rows_mm": [[10.0], []]}),
     ("a marker leaves the body", {"rows_mm": [[10.0], [24.0]]}),
     ("a marker leaves the body", {"rows_mm": [[10.0], [-174.0]]}),
