@@ -6,6 +6,12 @@ import codecs
 import json
 import os
 
+import pytest
+
+from workbench.course import sandbox
+
+CONFINED = pytest.mark.skipif(not sandbox.works(), reason="bwrap does not work here")
+
 RIGHT = """
 def filter_number(observations, mean, variance, growth, noise):
     means = []
