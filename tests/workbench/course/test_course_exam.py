@@ -1,7 +1,6 @@
 """The numbers of the exam's solutions, computed again with the package."""
 
 import re
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -225,22 +224,3 @@ def test_the_command_prints_a_version(capsys, tmp_path):
     assert capsys.readouterr().out == exam.exam(2, solutions=False)
     assert exam.main(["--solutions", "--out", str(tmp_path / "a.md")]) == 0
     assert (tmp_path / "a.md").read_text(encoding="utf-8") == exam.exam(0, solutions=True)
-
-
-def test_the_table_of_the_lesson():
-    """The plans' table of four rates: how long lamp and rod count as moving."""
-    plans = (Path(__file__).resolve().parents[3] / "book" / "teaching" / "plans.md").read_text()
-    rows = re.findall(
-        r"^\| (0\.\d+) \| (\d+) \| (\d+) frames, ([\d.]+) s \| (\d+) frames, ([\d.]+) s \|$",
-        plans,
-        re.M,
-    )
-    assert len(rows) == 4
-    for alpha, memory, *cells in rows:
-        rate = float(alpha)
-        assert float(memory) == 1 / rate
-        for (frames, seconds), jump in zip((cells[:2], cells[2:]), (22.5, 45.0), strict=True):
-            # a jump counts until it has faded to T = 15
-            left = jump * (1 - rate) ** np.arange(1000)
-            assert int(frames) == np.argmax(left <= 15)
-            assert seconds == f"{int(frames) / 30:.1f}"
