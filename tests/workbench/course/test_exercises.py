@@ -120,6 +120,33 @@ def test_no_answer_is_told_apart_by_a_hair(asked):
         assert all(abs(value - one.value) > 2 * one.within for value in wrong)
 
 
+# values that the text says in words, as a fraction, or quotes from the chapter's own cells
+IN_OTHER_WORDS = {
+    *(("06.6", "wrong"), ("06.6", "missing"), ("08.6", "of_four"), ("08.9", "standard_errors")),
+    *(("10.1", "bias"), ("10.1", "scatter"), ("10.4", "nees"), ("11.4", "wander_mm")),
+    *(("10.6", "pair_wins"), ("11.4", "delay_ms"), ("11.8", "strokes"), ("12.5", "best_share")),
+}
+
+
+@of_each(VALUES)
+def test_the_solution_s_text_has_the_values(asked):
+    """Each within its tolerance, or to the digits that stand there, if these are two or more."""
+    lines = TEXTS[asked.number].solution.splitlines()
+    prose = "\n".join(line for line in lines if not line.startswith("    "))
+    typed = []
+    for whole, decimals in re.findall(r"(\d[\d,]*)(?:\.(\d+))?", prose):
+        digits = whole.replace(",", "")
+        half = 0.5 * 10.0 ** -len(decimals) if len((digits + decimals).lstrip("0")) > 1 else 0.0
+        typed.append((float(f"{digits}.{decimals}"), 1.0001 * half))
+    missing = {
+        (asked.number, name)
+        for name, one in asked.asked.items()
+        if not isinstance(one.value, str)
+        and not any(abs(x - abs(one.value)) <= max(one.within, half, 1e-9) for x, half in typed)
+    }
+    assert missing == {place for place in IN_OTHER_WORDS if place[0] == asked.number}
+
+
 @of_each(FUNCTIONS)
 def test_a_slip_of_the_pen_is_refused(asked):
     """A sample of what `make verify` does."""

@@ -85,14 +85,6 @@ def test_a_stage_and_a_puppet():
     waits = 1000 / 30 / 2
     rest = 40 / 0.5 - 40 - waits
     agrees("01.6", focal_px=focal, marker_px=right[0] - left[0], delay_ms=40 / 0.5, left_ms=rest)
-    says(
-        "01.6",
-        f"A marker of 15 mm is then {right[0] - left[0]:.1f} px wide",
-        f"the robot takes 40 ms and the wait {waits:.1f} ms: {rest:.0f} ms",
-        f"and a quarter less at the far side, {3000 / (1 - 0.25) / 1000:.0f} m away",
-        f"an exposure of 10 ms leave {rest - 10:.0f} ms",
-        f"doubling the rate gives {waits / 2:.0f} ms back",
-    )
 
 
 # Chapter 2
@@ -186,12 +178,6 @@ def test_a_bench_for_a_volume():
     shortest = optimize.brentq(lambda b: depth_sigma(b) - 0.4, 50, 400)
     best = depth_sigma(longest)
     agrees("02.7", longest_mm=longest, shortest_mm=shortest, best_mm=best)
-    says(
-        "02.7",
-        f"there requires $B \\ge {shortest:.1f}$ mm",
-        f"there are {longest - shortest:.0f} mm",
-        f"the far end is known to {best:.3f} mm",
-    )
 
 
 # Chapter 3
@@ -272,9 +258,7 @@ T, SHADOW = 15.0, 0.3
 
 
 def watched(frames, empty, truths, light):
-    """Shares of false and of missed pixels, mean of frames 30 to 59, and false in the last, percent, by
-    the cured rule of chapter 3.
-    """
+    """Shares of false and of missed pixels, mean of frames 30 to 59, percent, by the cured rule."""
     B = empty.astype(float)
     false, missed = [], []
     for frame, truth in zip(frames, truths, strict=True):
@@ -284,7 +268,7 @@ def watched(frames, empty, truths, light):
         B = np.where(moving | (frame >= 255), lit, 0.01 * frame + 0.99 * lit)
         false.append(moving[truth.outside].mean())
         missed.append(1 - moving[truth.inside].mean() if truth.inside.any() else np.nan)
-    return 100 * np.mean(false[30:]), 100 * np.nanmean(missed[30:]), 100 * false[-1]
+    return 100 * np.mean(false[30:]), 100 * np.nanmean(missed[30:])
 
 
 def one_factor(frame, B):
@@ -322,14 +306,8 @@ def test_the_second_lamp():
     on_left = watched(left, empty, truths, one_factor)
     tiles = watched(right, empty, truths, by_tiles)
     agrees("03.6", share=1, false_right=on_right[0], false_left=on_left[0], tiles_missed=tiles[1])
-    says(
-        "03.6",
-        f"{on_right[0]:.1f} % of the bench are false on average over frames 30 to 59",
-        f"and {on_right[2]:.0f} % in the last",
-        f"only {on_left[0]:.2f} % are false, but {on_left[1]:.1f} % of the moving pixels are",
-        f"Tiles cure the lamp: {tiles[0]:.1f} % are false.",
-        f"{tiles[1]:.0f} % of the moving pixels are missed",
-    )
+    says("03.6", f"{on_left[1]:.1f} % of the moving pixels are")
+    says("03.6", f"Tiles cure the lamp: {tiles[0]:.1f} % are false.")
 
 
 def test_half_of_an_empty_bench_moves():
@@ -397,21 +375,11 @@ def test_the_whole_recording():
     says("04.5", f"The medians are {min(medians):.1f} to {max(medians):.2f},")
 
 
-def test_the_target_leaves_the_window_that_stays_small():
-    """Drawn as the filter's own model has it: 1 px, 15 px/s, and a random push in each frame."""
-    rng = np.random.default_rng(0)
-    dt, n = 1 / 30, 4000
-    P, Q = np.diag([1.0, 225.0]), np.diag([0.01, 4.0])
-    missed = {}
-    for frames in (1, 6):
-        X = rng.normal(0, [1.0, 15.0], (n, 2)) + [320.0, 90.0]
+def test_a_search_window_is_three_sigmas_of_the_package_s_prediction():
+    for x, P, dt, Q, frames in call_of(exercise("04.6")).cases:
+        state = kalman.State(x, P)
         for _ in range(frames):
-            X[:, 0] += dt * X[:, 1]
-            X += rng.normal(0, np.sqrt(np.diag(Q)), (n, 2))
-        for name, function in (("broken", broken("04.6")), ("right", exercise("04.6").solution)):
-            place, half = function(np.array([320.0, 90.0]), P, dt, Q, frames)
-            missed[name, frames] = np.mean(np.abs(X[:, 0] - place) > half)
-            assert abs(X[:, 0].mean() - place) < 4 * X[:, 0].std() / np.sqrt(n)
-    assert max(missed["right", 1], missed["right", 6]) < 0.006
-    assert missed["broken", 6] > 0.25
-    assert missed["broken", 1] < 0.02
+            state = kalman.predict(state, np.array([[1, dt], [0, 1]]), Q)
+        ours = exercise("04.6").solution(x, P, dt, Q, frames)
+        expected = state.mean[0], 3 * state.covariance[0, 0] ** 0.5
+        assert ours == pytest.approx(expected, rel=1e-9)

@@ -6,22 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import least_squares
 from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.stats import norm
 from scipy.stats import t as student
 from solutions import agrees, broken, says
 
-from trinolab import datasets, estimators, identity, measurement, metrics
-from trinolab.bench import optics, scene
+from trinolab import datasets, metrics
 from trinolab.camera import Rig
 from trinolab.estimators import centroids, reprojection
 from trinolab.estimators.appearance import Views
 from trinolab.handle import facing_pixels
 from trinolab.parameters import Parameters
-from trinolab.slave import bilateral, control, mapping, wall
+from trinolab.slave import bilateral, mapping, wall
 from trinolab.slave.oneeuro import OneEuroParameters
-from workbench import intervals
 from workbench.course.exercises import exercise
 from workbench.course.exercises.estimators import variance_without
 from workbench.course.exercises.feedback import position_force
@@ -114,10 +111,8 @@ def test_a_stricter_judge():
     agrees("09.5", clampings=clampings(0.001), near=poses(0.001))
     says(
         "09.5",
-        f"with 19,999 tables a $p$ is at least {smallest:.4f}",
         f"by the number of tests, {len(tested)}, so that nothing falls below",
         f"nothing falls below {len(tested) * smallest:.3f}",
-        f"{clampings(0.001)} clampings instead of 6, and {poses(0.001)} poses beyond",
     )
 
 
@@ -146,19 +141,11 @@ def test_a_camera_that_was_knocked_about_each_axis():
     missed = "xyz"[np.argmin([smooth for *_, smooth in axes])]
     x, y, z = axes
     agrees("09.6", before_mm=y[0], after_mm=y[1], smooth_share=y[2], missed=missed)
-    (low, low_after, _), (high, high_after, _) = np.sort(
-        [before_and_after(one) for one in sides[1]], axis=0
-    )
-    # a twentieth of a degree moves the image by f times it
-    moved = first.focal.mean() * np.deg2rad(0.05)
     says(
         "09.6",
-        *(f"{y[0]:.2f} mm before", f"After it {y[1]:.2f} mm", f"is {y[2]:.3f})"),
         f"epipolar lines: {x[0]:.3f} mm before, {x[1]:.3f} after",
         f"About z it is {z[0]:.2f} mm before and {z[1]:.2f} after",
         f"with a smooth share of {z[2]:.2f}.",
-        f"gives {low:.2f} to {high:.2f} mm before and {low_after:.3f} to {high_after:.3f} mm after",
-        f"a knock that moves the image by {moved:.1f} px",
     )
 
 
@@ -176,13 +163,6 @@ def test_an_experiment_that_finds_an_offset():
     poses, half = needed(0.1, 0.28, 0.8), needed(0.1, 0.28, 0.5)
     pairs = needed(0.2, np.hypot(0.28, 0.28), 0.8)
     agrees("09.8", poses=poses, half_power=half, pairs=pairs)
-    both = norm.isf(0.025), norm.isf(0.2)
-    exact = (sum(both) * 0.28 / 0.1) ** 2
-    says(
-        "09.8",
-        *(f"({both[0]:.3f} + {both[1]:.3f})", f"= {exact:.1f}$: {poses} poses"),
-        *(f"and {half} for 50 %", f"({sum(both):.3f}", f"= {exact / 2:.1f}$: {pairs} pairs"),
-    )
 
 
 # Chapter 10
@@ -286,76 +266,6 @@ def test_a_third_camera_anywhere():
     assert with_three_shared(ours) == 16
     pair, third, hidden = worst_um(RIG, ()), worst_um(ours, ()), worst_um(ours, (0,))
     agrees("10.5", pair_um=pair, third_um=third, hidden_um=hidden, shared_90=shared[90])
-    says("10.5", f"is known to {pair:.1f} µm, with CCD3 at 40° to {third:.1f}")
-    says("10.5", f"with CCD1 hidden then to {hidden:.1f} µm")
-
-
-@pytest.mark.heavy
-def test_plain_centroids_of_all_views():
-    """Exercise 10.3 by SciPy's least squares, on the frames that the chapter renders."""
-    three = datasets.load_rig("paper_trinocular")
-    ways = ("plain", "paper", "reprojection")
-    errors = {(rig, way): [] for rig in (RIG, three) for way in ways}
-
-    def fitted(rig, uv, start):
-        views = views_of(uv)
-
-        def moved(six):
-            turn = Rotation.from_rotvec(six[3:])
-            return RigidTransform.from_components(
-                start.translation + six[:3], turn * start.rotation
-            )
-
-        def off(six):
-            predicted, _ = centroids.predict_centroids(rig, ROD, moved(six), views)
-            return (predicted - uv[views]).ravel() / 0.1
-
-        return moved(least_squares(off, np.zeros(6), x_scale=[1, 1, 1, 0.01, 0.01, 0.01]).x)
-
-    for row, truth in enumerate(PLACES):
-        rng = np.random.default_rng([1705, row])
-        images = list(scene.render_rig(RIG, ROD, truth, optics.Bench(), rng))
-        images.append(scene.render(three.cameras[2], ROD, truth, optics.Bench(), rng))
-        for rig in (RIG, three):
-            seen = images[: len(rig.cameras)]
-            found = measurement.measure(seen, rig, ROD, truth, Parameters(estimator="paper"))
-            uv = identity.labelled_pixels(found.labels, [one.uv for one in found.found], 12)
-            instant = estimators.Identified(seen, uv, found.pose.T_world_handle, rig)
-            poses = [fitted(rig, uv, found.pose.T_world_handle)]
-            for way in ways[1:]:
-                estimate = estimators.estimate(instant, rig, ROD, Parameters(estimator=way))
-                poses.append(estimate.T_world_handle)
-            for way, T in zip(ways, poses, strict=True):
-                mm = np.linalg.norm(T.translation - truth.translation)
-                turn = (T.rotation * truth.rotation.inv()).magnitude()
-                errors[rig, way].append((mm, np.rad2deg(turn)))
-
-    def quoted(rig, way):
-        mm, deg = np.transpose(errors[rig, way])
-        (a, b, _), (c, d, _) = (intervals.of_mean(column) for column in (mm, deg))
-        return (
-            f"{mm.mean():.3f} mm ({a:.3f} to {b:.3f})",
-            f"{deg.mean():.2f}° ({c:.2f} to {d:.2f})",
-        )
-
-    def plainly(rig):
-        mm, deg = np.mean(errors[rig, "paper"], axis=0)
-        return f"where the paper's fit gives {mm:.3f} mm and {deg:.2f}°"
-
-    two, all_three = (" and ".join(quoted(rig, "plain")) for rig in (RIG, three))
-    says("10.3", f"we get {two} for the RIG, {plainly(RIG)};")
-    says("10.3", f"{all_three} with CCD3 above, {plainly(three)}.")
-    by_registered = {
-        rig: np.mean(errors[rig, "plain"], axis=0)[0]
-        / np.mean(errors[rig, "reprojection"], axis=0)[0]
-        for rig in (RIG, three)
-    }
-    words = {9: "nine", 17: "seventeen"}
-    says(
-        "10.3",
-        f"are {words[round(by_registered[RIG])]} times those of registered centroids with the "
-        f"RIG, and {words[round(by_registered[three])]} times with CCD3 above",
-    )
 
 
 # Chapter 11
@@ -390,11 +300,6 @@ def test_the_clutch_is_the_package_s():
 def test_scale_and_alignment():
     scale, strokes = strokes_needed([150, 120, 100], [300, 60, 200], 0.31, 0.1)
     assert strokes == 7
-    says(
-        "11.2",
-        f"the scale is at most {scale:.2f}, and the travel to the right takes seven strokes",
-        f"scale 2, and {2 * 0.31:.2f} mm at the tool",
-    )
     assert strokes_needed([150, 120, 100], [300, 60, 200], 0.31, 2 * 0.31) == (2, 1)
     for hand, task, error, tolerance in call_of(exercise("11.2")).cases:
         scale, strokes = strokes_needed(hand, task, error, tolerance)
@@ -424,13 +329,6 @@ def test_a_peg_in_a_hole():
     slower = 1 / (2 * np.pi * (2 + f.slope * 20))
     assert others + slower + 1 / 60 > 0.1
     assert 0.005 + 1 / 30 + 0.015 + 1 / 60 + 0.001 + 0.001 + 1 / 20 > 0.1  # without a filter
-    # the first chain: the tick's parts and the servo's cancel out
-    p = control.ReferenceParameters(20.0)
-    v, frame = 20.0, 1 / 30
-    # each pose asks for rate * v * frame more speed, which the acceleration gives by and by
-    climbing = p.rate * v * frame / (2 * (p.acceleration_mm_s2 + p.rate * v))
-    stages = 0.005 + frame + 0.015 + frame / 2 + 1 / p.rate + climbing
-    says("11.4", f"({1e3 * stages:.0f} ms at 20 mm/s)")
 
 
 def test_a_loop_of_rotations():
@@ -442,8 +340,6 @@ def test_a_loop_of_rotations():
 
     order = np.log2(turned(2) / turned(1))
     agrees("11.5", share=1, hand_deg=turned(20), tool_deg=turned(10), order=order)
-    says("11.5", f"give {turned(20):.2f}° for the hand", f"and {turned(10):.2f}° for the tool")
-    says("11.5", f"they give {turned(10):.2f}° and {turned(5):.2f}°, a quarter")
 
 
 def test_a_tool_that_jumps():
@@ -466,8 +362,6 @@ def test_a_mapping_for_a_fine_task():
     scale, strokes = strokes_needed([120.0] * 3, [300.0, 0.0, 0.0], 0.31, 0.2)
     after, slow = 100 * 0.12, 0.2 / 0.12
     agrees("11.8", scale=scale, strokes=strokes, after_mm=after, slow_mm_s=slow)
-    says("11.8", f"$0.2/0.31 = {scale:.3f}$", f"a stroke is {scale * 120:.0f} mm of the tool")
-    says("11.8", f"travels {after:.0f} mm at 100 mm/s, and 0.2 mm at {slow:.1f} mm/s")
 
 
 # Chapter 12
@@ -544,8 +438,6 @@ def test_frequencies_and_limits():
         C = D + K / s
         delays_ms.append(1e3 * (np.angle(C / (m * s + b + C)) % np.pi) / s.imag)
     agrees("12.4", share=1, at_2_kg=limits[1], critical_ms=delays_ms[1])
-    says("12.4", f"with 0.2 kg $K_{{\\max}}$ is {limits[0]:.1f} N/m, with 2 kg {limits[1]:.1f} N/m")
-    says("12.4", f"from {delays_ms[0]:.1f} to {delays_ms[1]:.1f} ms")
 
 
 def test_a_little_delay_that_helps():
@@ -559,20 +451,14 @@ def test_a_little_delay_that_helps():
     agrees("12.5", share=1, prompt=massless[0], best=massless[0.25], best_share=0.25)
     assert max(massless, key=massless.get) == 0.25
 
-    limits = {}
-    for hundredth in range(51):
-        limits[hundredth], loop = largest(hundredth / 100, 0.05)
-        if hundredth in (0, 18, 25):
-            assert wall.simulated_limit(loop) == pytest.approx(limits[hundredth], rel=0.01)
-    agrees("12.5", share=1, light_gain=limits[25] / limits[0])
-    best = max(limits.values())
-    assert [k for k, limit in limits.items() if round(limit) == round(best)] == [17, 18]
-    says(
-        "12.5",
-        f"bears {limits[0]:.0f} N/m at once and {limits[25]:.0f} N/m a quarter",
-        f"late, {limits[25] / limits[0]:.2f} times as much",
-        f"finds its best delay at 0.17 and 0.18, with {best:.0f} N/m.",
-    )
+    limits = []
+    for hundredth in (0, 16, 18, 19, 25):
+        limit, loop = largest(hundredth / 100, 0.05)
+        assert wall.simulated_limit(loop) == pytest.approx(limit, rel=0.01)
+        limits.append(limit)
+    agrees("12.5", share=1, light_gain=limits[-1] / limits[0])
+    assert np.argmax(limits) == 2
+    says("12.5", f"finds its best delay at 0.17 and 0.18, with {max(limits):.0f} N/m.")
 
 
 def test_a_force_that_is_shown():
@@ -580,6 +466,3 @@ def test_a_force_that_is_shown():
     age = 66.7 + 40
     depth = 0.05 * (age + 200)
     agrees("12.6", depth_mm=0.5 / 0.8, age_ms=age, deep_mm=depth, force_n=0.8 * depth)
-    says("12.6", f"0.5 N at 800 N/m are {0.5 / 0.8:.3f} mm", f"is {age:.1f} ms old")
-    late = f"comes {age + 200:.0f} ms after the contact"
-    says("12.6", f"{late}: {depth:.1f} mm deep, {0.8 * depth:.1f} N")
