@@ -59,15 +59,3 @@ def agrees(number: str, share: float = 1 / 3, **values) -> None:
         else:
             off = abs(value - asked[name].value)
             assert off <= max(share * asked[name].within, 1e-9), (name, value)
-
-
-def gives(number: str, **values) -> None:
-    """One of the usual mistakes gives these values."""
-    within = {name: one.within for name, one in exercise(number).asked.items()}
-    for mistake in exercise(number).mistakes:
-        if set(values) <= set(mistake.gives) and all(
-            abs(mistake.gives[name] - value) <= max(within[name], 1e-3 * abs(value))
-            for name, value in values.items()
-        ):
-            return
-    raise AssertionError((number, values))

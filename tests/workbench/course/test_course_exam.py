@@ -145,11 +145,12 @@ def test_pose(version):
     T = pose.rigid_fit(np.array(version.handle, float), np.array(version.seen, float))
     assert_allclose(metrics.euler_deg(T), [version.turn, 0, 0], atol=1e-9)
     assert_allclose(T.translation, version.shift, atol=1e-9)
-    places = metrics.pose_from_euler_deg(np.zeros((2, 3)), np.zeros((2, 3)))
-    off = metrics.pose_from_euler_deg(
-        np.array([version.off_1, version.off_2], float), np.zeros((2, 3))
+    off = [version.off_1, version.off_2]
+    places, moved = (
+        metrics.pose_from_euler_deg(np.array(mm, float), np.zeros((2, 3)))
+        for mm in (np.zeros((2, 3)), off)
     )
-    assert_allclose(metrics.position_error(off, places), version.E_t)
+    assert_allclose(metrics.position_error(moved, places), version.E_t)
     was_set, measured = (
         metrics.pose_from_euler_deg(np.zeros((1, 3)), [[0.0, 0, gamma]])
         for gamma in (version.gamma_set, version.gamma_seen)
@@ -160,14 +161,10 @@ def test_pose(version):
 
 def test_tool_and_wall(version):
     # the camera's x, y, z in the base: right, down, away
-    R = Rotation.from_matrix(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]).T)
-    surveillance = Camera(
-        "s",
-        (640, 480),
-        np.diag([500.0, 500, 1]),
-        np.zeros(5),
-        RigidTransform.from_rotation(R).inv(),
-    )
+    R = Rotation.from_matrix([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+    T_cam_world = RigidTransform.from_rotation(R).inv()
+    K = np.diag([500.0, 500, 1])
+    surveillance = Camera("s", (640, 480), K, np.zeros(5), T_cam_world)
     left, down, nearer = version.hand
     moved = version.scale * mapping.alignment(surveillance).apply([-left, down, -nearer])
     assert_allclose(moved, version.moved, atol=1e-9)
@@ -195,13 +192,6 @@ def test_calibration_and_design(version):
     seen = [one + rng.normal(0, version.centroid_px, one.shape) for one in uv]
     depths = triangulation.triangulate_pair(left, right, *seen)[:, 2]
     assert_allclose(depths.std(), version.wish_mm, rtol=0.05)
-
-
-def test_the_failure_names_one_camera(version):
-    suspects = {1, 2, 3}
-    for pair, before, after in version.distances:
-        suspects &= set(pair) if after > 2 * before else suspects - set(pair)
-    assert suspects == {version.moved_camera}
 
 
 def test_what_is_printed_is_what_is_computed(version):

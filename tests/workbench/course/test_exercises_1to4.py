@@ -9,20 +9,15 @@ import pytest
 from scipy import optimize
 from scipy.spatial.transform import RigidTransform
 from scipy.stats import norm
-from solutions import agrees, broken, gives, says
+from solutions import agrees, broken, says
 
-from trinolab import background, datasets, kalman, metrics, workspace
+from trinolab import background, datasets, kalman, workspace
 from trinolab.camera import Camera
-from trinolab.following import posetracker
 from trinolab.handle import Handle, facing_pixels
-from trinolab.kalman import KalmanParameters
-from trinolab.parameters import Parameters
 from trinolab.triangulation import triangulate_pair
 from trinolab.workspace import cones
-from workbench import intervals
 from workbench.course.exercises import exercise
 from workbench.course.grading import call_of
-from workbench.studies import ground_truth, markertrack, tuning
 
 
 def camera(f_px, x_mm=0.0):
@@ -46,36 +41,6 @@ def test_look_alikes_are_the_symmetries_of_a_handle():
         # the package lets a rod be shifted along its axis as well
         in_place = [T for T in rod.symmetries if np.abs(T.translation).max() < 1e-6]
         assert count(angles, rows) == len(in_place)
-
-
-@pytest.mark.heavy
-def test_the_film_with_fewer_frames():
-    rows = {1: (60, ""), 2: (30, None), 4: (15, "2 predicted"), 6: (10, "1 predicted")}
-    for step in (*rows, 10):
-        clip = ground_truth.read_recording("hard", range(0, 60, step))
-        kept, others = [], []
-        for now, seen in posetracker.track_instants(clip.instants, clip.rig, clip.handle):
-            found = seen.measurement.pose
-            if found.status == "measured":
-                kept.append((found.T_world_handle, now.T_world_handle))
-            else:
-                others.append((now.frame, found.status))
-        mm = metrics.pose_errors(*map(RigidTransform.concatenate, zip(*kept, strict=True))).E_t_mm
-        if step == 10:
-            says("01.5", f"at step 10, with {len(kept)} of 6 measured, it is {mm:.3f} mm")
-            continue
-        agrees("01.5", **{f"measured_{step}": len(kept)})
-        count, predicted = rows[step]
-        if predicted is not None:
-            cell = f"| {step} | {count} | {len(kept)} | {predicted} | {mm:.3f} mm |"
-            says("01.5", cell.replace("|  |", "| |"))
-        if step == 4:
-            agrees("01.5", share=1, mm_4=mm)
-            gives("01.5", mm_4=max(np.linalg.norm(a.translation - b.translation) for a, b in kept))
-            assert others == [(52, "predicted"), (56, "predicted")]
-        if step == 6:
-            assert others == [(54, "predicted")]
-    says("01.5", "frames 52 and 56 at step 4 and frame 54 at step 6 are only predicted")
 
 
 def test_a_stage_and_a_puppet():
@@ -254,62 +219,6 @@ def test_thresholds_and_rates():
         agrees("03.5", share=1, **{name: frames / 30})
 
 
-T, SHADOW = 15.0, 0.3
-
-
-def watched(frames, empty, truths, light):
-    """Shares of false and of missed pixels, mean of frames 30 to 59, percent, by the cured rule."""
-    B = empty.astype(float)
-    false, missed = [], []
-    for frame, truth in zip(frames, truths, strict=True):
-        lit = light(frame, B) * B
-        shown = np.minimum(lit, 255)
-        moving = (frame - shown > T) | (shown - frame > SHADOW * shown + T)
-        B = np.where(moving | (frame >= 255), lit, 0.01 * frame + 0.99 * lit)
-        false.append(moving[truth.outside].mean())
-        missed.append(1 - moving[truth.inside].mean() if truth.inside.any() else np.nan)
-    return 100 * np.mean(false[30:]), 100 * np.nanmean(missed[30:])
-
-
-def one_factor(frame, B):
-    return background.light_gain(frame, B, 4)
-
-
-def by_tiles(frame, B):
-    """A factor for each of 8 x 8 tiles."""
-    height, width = frame.shape[0] // 8, frame.shape[1] // 8
-    factors = np.zeros((8, 8))
-    for row, column in np.ndindex(8, 8):
-        tile = np.s_[row * height : (row + 1) * height, column * width : (column + 1) * width]
-        factors[row, column] = background.light_gain(frame[tile], B[tile], 1)
-    return np.kron(factors, np.ones((height, width)))
-
-
-@pytest.mark.heavy
-def test_the_second_lamp():
-    hard = ground_truth.read_recording("hard", every=4)
-    truths = ground_truth.moving(hard, 2, 2)
-    empty = hard.empty[2]
-    middle = empty.shape[1] // 2
-
-    def shone_on(part):
-        frames = []
-        for k, frame in enumerate(hard.images_of(2)):
-            lit = frame.astype(float)
-            if k >= 30:
-                lit[:, part] *= 1.3
-            frames.append(np.clip(np.rint(lit), 0, 255).astype(np.uint8))
-        return frames
-
-    right, left = shone_on(slice(middle, None)), shone_on(slice(0, middle))
-    on_right = watched(right, empty, truths, one_factor)
-    on_left = watched(left, empty, truths, one_factor)
-    tiles = watched(right, empty, truths, by_tiles)
-    agrees("03.6", share=1, false_right=on_right[0], false_left=on_left[0], tiles_missed=tiles[1])
-    says("03.6", f"{on_left[1]:.1f} % of the moving pixels are")
-    says("03.6", f"Tiles cure the lamp: {tiles[0]:.1f} % are false.")
-
-
 def test_half_of_an_empty_bench_moves():
     rng = np.random.default_rng(0)
     one, other = (np.rint(rng.normal(45, 2, (200, 200))).astype(np.uint8) for _ in range(2))
@@ -343,36 +252,6 @@ def test_a_vague_filter_of_one_number_takes_the_mean():
     refused = np.array(one([10.0] * 40, 0.0, 0.01, 1.0, 1.0)) == 0
     assert refused.tolist() == [True] * 10 + [False] * 30
     says("04.2", "ten observations are refused, and the eleventh is accepted")
-
-
-@pytest.mark.heavy
-def test_the_whole_recording():
-    """Exercise 4.5; the recording is rendered first, which takes some minutes."""
-    recording = ground_truth.read_recording("calm", range(20, 300), seconds=10.0)
-    p = Parameters(kalman=KalmanParameters(9.5e8, 1.5, 1200.0, 6000.0))  # the chapter's
-    medians, seconds, inside = [], [], 0
-    for index, name in enumerate(recording.rig.names):
-        images = recording.images_of(index)
-        regions = markertrack.moving_regions(images, recording.empty[index])
-        looks = markertrack.follow(images, recording.times_s, recording.handle, regions, p)[11:]
-        of_looks = np.array([look.nis for look in looks])
-        nis = of_looks[np.isfinite(of_looks)]
-        low, high = tuning.nis_band(len(nis))
-        inside += low < nis.mean() < high
-        at_least, at_most, _ = intervals.of_mean(nis)
-        refused = sum(np.isfinite(look.nis) and not look.used for look in looks)
-        says(
-            "04.5",
-            f"| {name.upper()} | {nis.mean():.2f} | {len(nis)} | {low:.2f} to {high:.2f} "
-            f"| {at_least:.2f} to {at_most:.2f} | {refused} |",
-        )
-        agrees("04.5", share=1, **{name: nis.mean()})
-        medians.append(np.median(nis))
-        whole = len(of_looks) // 30 * 30
-        seconds.extend(np.nanmean(of_looks[:whole].reshape(-1, 30), axis=1))
-    agrees("04.5", inside=inside)
-    says("04.5", f"single seconds, which run from {min(seconds):.1f} to {max(seconds):.1f}.")
-    says("04.5", f"The medians are {min(medians):.1f} to {max(medians):.2f},")
 
 
 def test_a_search_window_is_three_sigmas_of_the_package_s_prediction():

@@ -5,27 +5,18 @@ numbers in the solutions' texts with other ways to compute them.
 import numpy as np
 import pytest
 from scipy import ndimage
-from scipy.optimize import linear_sum_assignment
 from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.special import j1
 from solutions import agrees, broken, says
 
 from trinolab import datasets, identity, matching, measurement, metrics, pose, triangulation
 from trinolab.bench import optics, scene
-from trinolab.bench.board import Board, board_positions
-from trinolab.calibration import adjust, eq25, start
+from trinolab.calibration import eq25, start
 from trinolab.camera import Camera, epipolar_lines, fundamental_matrix
 from trinolab.handle import facing_pixels
-from trinolab.markers import find_markers
 from trinolab.parameters import Parameters
-from workbench import intervals
 from workbench.course.exercises import exercise
 from workbench.course.grading import call_of
-from workbench.studies import (
-    ground_truth,
-    match_rivals,
-    simulated_calibration,
-)
 
 PLACES = datasets.load_table1().set_poses
 RIG, ROD = datasets.load_rig("paper_pair"), datasets.load_handle("paper")
@@ -36,15 +27,6 @@ def two_cameras(K_left, K_right, R, T):
     motions = RigidTransform.identity(), RigidTransform.from_components(T, Rotation.from_matrix(R))
     pairs = zip(("left", "right"), (K_left, K_right), motions, strict=True)
     return [Camera(name, (1280, 1024), K, np.zeros(5), motion) for name, K, motion in pairs]
-
-
-def interval(values, digits):
-    low, high, _ = intervals.of_student(values)
-    return f"{low:.{digits}f} to {high:.{digits}f}"
-
-
-def with_interval(values, digits):
-    return f"{np.mean(values):.{digits}f} ({interval(values, digits)})"
 
 
 # Chapter 5
@@ -202,38 +184,6 @@ def test_spots_and_nails():
     agrees("06.2", share=1e-6, left_step=steps[0], right_step=steps[1])
 
 
-def test_pairs_of_two_other_ways():
-    """The set with the largest sum of S, and the constraints without the correlation."""
-    drawn = np.sort(np.random.default_rng(0).choice(90, 24, replace=False))
-    clips = (
-        ground_truth.read_recording("calm", 30 + drawn[drawn < 30]),
-        ground_truth.read_recording("hard", drawn[drawn >= 30] - 30),
-    )
-    rig, handle = clips[0].rig, clips[0].handle
-    best_set, blind = np.zeros(2, int), np.zeros(2, int)
-    for now in [*clips[0].instants, *clips[1].instants]:
-        uv = tuple(
-            find_markers(image, len(handle.marker_centres), handle.markers).uv
-            for image in now.images
-        )
-        shot = match_rivals.shot_of(now, rig, uv, handle)
-        for i, j in rig.pairs:
-            left, right = rig.cameras[i], rig.cameras[j]
-            D = matching.epipolar_distances(left, right, uv[i], uv[j])
-            S = matching.ncc_matrix(now.images[i], now.images[j], uv[i], uv[j], 21)
-            value = np.where((D < 2) & (S > 0.5), S, 0)
-            pairs = np.column_stack(linear_sum_assignment(value, maximize=True))
-            pairs = pairs[value[tuple(pairs.T)] > 0]
-            found = match_rivals.counts(shot, i, j, pairs)
-            best_set += (found["wrong"], found["missing"])
-            settings = matching.MatchParameters(2.0, -1.0)
-            views = (left, right, now.images[i], now.images[j], uv[i], uv[j])
-            found = match_rivals.counts(shot, i, j, matching.match(*views, settings).index)
-            blind += (found["wrong"], found["missing"])
-    agrees("06.7", wrong=best_set[0], missing=best_set[1])
-    agrees("06.6", wrong=blind[0], missing=blind[1])
-
-
 def test_lines_miss_when_the_world_is_not_the_left_camera():
     rng = np.random.default_rng(0)
     R, T = Rotation.from_rotvec([0.02, -0.17, 0.01]).as_matrix(), np.array([-97.0, 2.0, 9.0])
@@ -287,65 +237,6 @@ def test_motions_and_positions_of_a_board():
         drawn = rng.normal(0, noise, (8000, *shape)).mean(axis=(1, 2))
         assert drawn.std() == pytest.approx(values[name], rel=0.03)
     agrees("07.8", **values, factor=np.hypot(1, 1))
-
-
-def calibrations(seed, count, square_mm=15.0, bend_mm=0.0):
-    """Calibrations from 14 positions of a board, drawn as chapter 7 draws them."""
-    board = Board(square_mm=square_mm)
-    bent = np.array(board.points)
-    x = bent[:, 0] - bent[:, 0].mean()
-    bent[:, 2] = bend_mm * (1 - (x / x.max()) ** 2)
-    sizes = [camera.size for camera in RIG.cameras]
-    found = []
-    for k in range(count):
-        rng = np.random.default_rng([seed, k])
-        poses = board_positions(RIG, board, 14, rng)
-        exact = np.stack([[c.project(T.apply(bent)) for T in poses] for c in RIG.cameras])
-        uv = exact + 0.05 * rng.standard_normal(exact.shape)
-        found.append(adjust.calibrate(board.points, uv, sizes, RIG.names, distortion_terms=0))
-    return found
-
-
-def costs_mm(found):
-    return [
-        simulated_calibration.calibration_errors(one.rig, RIG, ROD, PLACES).E_t_mm for one in found
-    ]
-
-
-def chi_squares(found):
-    """Of the right camera's pose, by its stated covariance."""
-    true, values = RIG.cameras[1].T_world_cam, []
-    for one in found:
-        T = one.cameras[1].T_world_cam
-        turn = (T.rotation * true.rotation.inv()).as_rotvec()
-        off = np.concatenate([T.translation - true.translation, turn])
-        values.append(off @ np.linalg.solve(one.relative_covariance(1), off))
-    return values
-
-
-@pytest.mark.heavy
-def test_a_smaller_board():
-    small, usual = calibrations(1703, 30, 7.5), calibrations(1703, 30)
-    small_mm, usual_mm = costs_mm(small), costs_mm(usual)
-    agrees("07.4", share=1, cost_mm=np.mean(small_mm))
-    at_14 = np.mean(usual_mm)
-    says("07.2", f"From {at_14:.3f} mm at 14 to 0.031 mm is a factor of {at_14 / 0.031:.1f}")
-    says(
-        "07.4",
-        f"by a factor of {np.mean(small_mm) / at_14:.1f}: "
-        f"{np.mean(small_mm):.3f} mm (95 %: {interval(small_mm, 3)}) "
-        f"instead of {at_14:.3f} mm ({interval(usual_mm, 3)}; n = 30 each, seed 1703)",
-    )
-
-
-@pytest.mark.heavy
-def test_a_bent_board():
-    for bend_mm, chi_digits, digits in ((0, 1, 2), (0.02, 0, 2), (0.05, 0, 2), (0.2, 0, 1)):
-        found = calibrations(1703, 6, bend_mm=bend_mm)
-        noise, chi = np.mean([one.sigma_px for one in found]), np.mean(chi_squares(found))
-        cost = with_interval(costs_mm(found), digits)
-        says("07.5", f"| {bend_mm} | {noise:.3f} | {chi:.{chi_digits}f} | {cost} |")
-    agrees("07.5", share=1, noise_px=noise, chi_square=chi)
 
 
 # Chapter 8

@@ -1,5 +1,5 @@
-"""The exercises on recordings that others made: the code in their solutions prints the values that are
-asked for. A recording that is not here is skipped with the reason.
+"""The code in the solutions of exercises on recordings, and of projects, prints the values that are asked
+for. A recording that is not here is skipped with the reason.
 """
 
 import contextlib
@@ -12,6 +12,8 @@ from itertools import combinations
 import cv2
 import numpy as np
 import pytest
+from chapters import LESSONS
+from executed import as_it_stands
 from solutions import ALL, TEXTS, agrees, code_in
 
 from trinolab import matching, triangulation
@@ -19,7 +21,10 @@ from trinolab.calibration.target import find_corners
 from trinolab.camera import Rig
 from trinolab.datasets import load_real_sets, real_set
 from trinolab.files.fetch import why_not
+from workbench.course.child import BEING_CHECKED, executed
+from workbench.course.exercises import exercise
 from workbench.course.exercises.markers import spot_centroid
+from workbench.course.submissions import cells_of
 from workbench.studies import real_recordings
 
 RECORDINGS = [one for one in ALL if one.kind == "recording"]
@@ -51,12 +56,12 @@ def recording_of(asked):
     return name
 
 
-def printed_by(number):
+def printed_by(number, known):
     """The numbers that a solution's code prints, and what it makes."""
     code = code_in(TEXTS[number].solution)
     if number == "07.7":  # goes on from the exercise before
         code = f"{code_in(TEXTS['07.6'].solution)}\n{code}"
-    made = dict(KNOWN)
+    made = dict(known)
     with contextlib.redirect_stdout(io.StringIO()) as out:
         exec(code, made)
     numbers = [float(one) for one in re.findall(r"-?\d+\.?\d*(?:e-?\d+)?", out.getvalue())]
@@ -65,6 +70,14 @@ def printed_by(number):
     if number == "07.7":
         numbers.append(numbers[-3] - numbers[-5])  # focal lengths without distortion, and with all
     return numbers, made
+
+
+def has_values(number, numbers, leaving=()):
+    """The values that are asked for are among these numbers, but for their signs."""
+    for name, one in exercise(number).asked.items():
+        if not isinstance(one.value, str) and name not in leaving:
+            near = min(np.abs(numbers), key=lambda number, one=one: abs(number - one.value))
+            agrees(number, **{name: near})
 
 
 def test_twelve_statements_say_what_to_do_without_the_recording():
@@ -91,16 +104,46 @@ def test_what_is_not_here_is_said_in_a_line(name, monkeypatch, tmp_path, caplog)
     [pytest.param(one, id=one.number, marks=needs(recording_of(one))) for one in RECORDINGS],
 )
 def test_the_solution_s_code_prints_the_values(asked):
-    numbers, _ = printed_by(asked.number)
-    for name, one in asked.asked.items():
-        if not isinstance(one.value, str):
-            near = min(np.abs(numbers), key=lambda number, one=one: abs(number - one.value))
-            agrees(asked.number, **{name: near})
+    numbers, _ = printed_by(asked.number, KNOWN)
+    has_values(asked.number, numbers)
+
+
+# projects whose code goes on from the chapter's cells, and the values that it does not print
+PROJECTS = {
+    "01.5": (),
+    "03.6": ("tiles_missed",),
+    "04.5": ("inside",),
+    "06.7": (),
+    "07.5": (),
+    "08.7": ("noise_ratio",),
+}
+
+
+def lesson(number):
+    (path,) = (path for path in LESSONS if path.stem.startswith(number[:2]))
+    return path
+
+
+@pytest.mark.heavy
+@pytest.mark.parametrize("number", PROJECTS)
+def test_a_project_s_code_prints_the_values(number, monkeypatch):
+    monkeypatch.setenv(BEING_CHECKED, "1")
+    said = io.StringIO()
+    made = executed(cells_of(lesson(number)), said)
+    assert '"raised"' not in said.getvalue()
+    numbers, _ = printed_by(number, made)
+    has_values(number, numbers, PROJECTS[number])
+
+
+@pytest.mark.heavy
+def test_a_chapter_glues_the_values():
+    glued = as_it_stands(lesson("06.6")).results
+    agrees("06.6", wrong=glued["wrong_blind"], missing=glued["missing_blind"])
 
 
 @needs("caliscope")
 def test_the_pair_that_shares_most_corners():
-    together = np.triu(printed_by("02.6")[1]["together"], 1)
+    together = np.triu(printed_by("02.6", KNOWN)[1]["together"], 1)
     i, j = np.unravel_index(together.argmax(), together.shape)
     agrees("02.6", pair=f"{i} and {j}")
 
