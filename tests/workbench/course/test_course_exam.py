@@ -194,6 +194,13 @@ def test_calibration_and_design(version):
     assert_allclose(depths.std(), version.wish_mm, rtol=0.05)
 
 
+def test_the_failure_names_one_camera(version):
+    suspects = {1, 2, 3}
+    for pair, before, after in version.distances:
+        suspects &= set(pair) if after > 2 * before else suspects - set(pair)
+    assert suspects == {version.moved_camera}
+
+
 def test_what_is_printed_is_what_is_computed(version):
     printed = {
         "1": [version.u_left, version.v, version.u_right, version.disparity],

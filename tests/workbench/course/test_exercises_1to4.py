@@ -178,10 +178,6 @@ def test_a_rate_forgets_and_remembers_in_time():
     _, most = one(22.5, 1e3, 45.0, 5.0, 15.0, 30.0)
     says("03.4", f"at least {least:.4f}, the hand at most {most:.4f}: there is no such rate")
     assert np.isnan(one(22.5, 1.0, 45.0, 5.0, 15.0, 30.0)).all()
-    seen_s = max(
-        s for s in np.arange(0.1, 5, 0.01) if np.isfinite(one(22.5, 1, 45, s, 15, 30)).all()
-    )
-    says("03.4", f"the hand is seen for $\\ln 3 / \\ln 1.5 = {seen_s:.1f}$ s")
 
 
 def unseen(shadow, greys):

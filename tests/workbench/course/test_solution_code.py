@@ -165,21 +165,3 @@ def test_one_more_step_like_the_last():
     squares = {name: np.mean(off(order, 20) ** 2) for name, order in rules.items()}
     best = {"best_median": min(medians, key=medians.get), "best_rms": min(squares, key=squares.get)}
     agrees("04.7", **best)
-
-
-@needs("pymvg_mcsc")
-def test_an_error_that_sixteen_instants_make():
-    """By rays of homogeneous pixels, and by a variance."""
-    tracks = real_recordings.load_pymvg_mcsc()
-    points = triangulation.triangulate(tracks.rig, tracks.uv)
-    camera = tracks.rig.cameras[2]
-    inside = camera.T_cam_world.apply(points) @ camera.matrix.T
-    off = inside[:, :2] / inside[:, 2:] - tracks.uv[2]
-    off = off[np.isfinite(off).all(axis=1)]
-    square = np.sort((off**2).sum(axis=1))
-    agrees(
-        "09.7",
-        rms_px=np.sqrt(square.mean()),
-        worst_share=100 * square[-16:].sum() / square.sum(),
-        offset_share=100 * (1 - off.var(axis=0).sum() / square.mean()),
-    )
