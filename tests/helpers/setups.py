@@ -50,7 +50,7 @@ def shot_at(t_s, exposure_s, speed, rig):
 
 
 @cache
-def clip(count=24, exposure_s=0.002, handle=ROD, baseline_mm=200.0, cameras=3, speed=SPEED_MM_S):
+def clip(count=16, exposure_s=0.002, handle=ROD, baseline_mm=200.0, cameras=3, speed=SPEED_MM_S):
     """The frames (instants, cameras) of the moving rod."""
     rig = small_rig(baseline_mm, cameras)
     times = np.arange(count) / FPS
