@@ -201,21 +201,6 @@ def test_the_failure_names_one_camera(version):
     assert suspects == {version.moved_camera}
 
 
-def test_what_is_printed_is_what_is_computed(version):
-    printed = {
-        "1": [version.u_left, version.v, version.u_right, version.disparity],
-        "3": [version.rod_frames, version.lamp_frames, version.quick_frames, version.noise_left],
-        "4": [version.mean_1, version.variance_1, version.mean_2, version.variance_2, version.nis],
-        "6": [version.off_line],
-        "9": [round(version.focal)],
-        "10": [round(version.design_baseline)],
-    }
-    for problem, values in printed.items():
-        for value in values:
-            words = rf"(?<![\d.]){re.escape(exam.number(value))}(?!\d|\.\d)"
-            assert re.search(words, version.solutions[problem]), (problem, value)
-
-
 def test_the_command_prints_a_version(capsys, tmp_path):
     assert exam.main(["--seed", "2"]) == 0
     assert capsys.readouterr().out == exam.exam(2, solutions=False)

@@ -189,39 +189,6 @@ def test_what_is_to_be_repaired_runs_stands_in_the_chapter_and_is_mended_in_one_
     assert sum(line.startswith("- ") for line in difflib.ndiff(before, after)) == 1
 
 
-# solutions that follow a cell on purpose: what differs from it is the exercise
-FOLLOWS = {
-    "04.3": "the chapter's step has the paper's misprints, and the exercise asks for the step without",
-    "07.3": "the chapter's start with five unknowns, of which square pixels leave four",
-}
-
-
-def statements(code):
-    """The lines of a code that do something: no head, no import, no return, no comment."""
-    lines = (re.sub(r"\s*#.*", "", line.strip()) for line in code.splitlines())
-    skipped = ("import", "from", "def ", "return")
-    return [line for line in lines if line and not line.startswith(skipped)]
-
-
-def alike(one, other):
-    """Whether three quarters of two lines are the same, letter by letter."""
-    if abs(len(one) - len(other)) > 0.4 * len(one):
-        return False
-    matcher = difflib.SequenceMatcher(None, one, other)
-    return matcher.quick_ratio() > 0.75 and matcher.ratio() > 0.75
-
-
-@of_each([one for one in FUNCTIONS if one not in REPAIRS])
-def test_a_solution_is_no_cell_of_its_chapter(asked):
-    """Who has read a chapter has not yet solved its exercises."""
-    (lesson,) = (path for path in LESSONS if path.stem.startswith(asked.number[:2]))
-    code = [cell.source for cell in read_notebook(lesson).cells if cell.cell_type == "code"]
-    lines = set(statements("\n".join(code)))
-    own = statements(code_in(TEXTS[asked.number].solution))
-    share = np.mean([any(alike(line, other) for other in lines) for line in own])
-    assert (share > 0.6) == (asked.number in FOLLOWS), f"{share:.0%} of its lines"
-
-
 QUOTED = re.compile(r"`([^`\n]+)`|\$([^$]+)\$")
 # what makes a formula or a piece of code of a name: an operator, a call with arguments, a fraction
 WORKS = re.compile(r"[=+*/@^<>]|\w\(.*\w.*\)|\[.*[:,].*\]|\\(frac|sqrt|cdot|operatorname)")

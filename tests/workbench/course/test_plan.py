@@ -94,24 +94,6 @@ def test_the_two_days_leave_no_hour_twice():
             free = begin + sum(map(int, re.findall(r"(?<=[ (])(\d+)\)", row[day])))
 
 
-def test_the_lesson_by_the_minute_has_no_gap():
-    text = teaching("plans.md").partition("### Minute by minute")[2]
-    times = re.findall(r"^\| (\d+)-(\d+) \|", text, re.MULTILINE)
-    assert [begin for begin, _ in times] == ["0", *(end for _, end in times[:-1])]
-    assert times[-1][1] == "90"
-
-
-def test_the_slides_name_hand_outs_that_are_there():
-    """By their numbers, and each of the hand-outs is named by its own lecture."""
-    chapters = re.findall(r"^## (\d)\. .*\(chapter (\d+)\)", teaching("handouts.md"), re.MULTILINE)
-    named = {
-        (number, str(int(chapter)))
-        for chapter in CHAPTERS
-        for number in re.findall(r"[Hh]and-out (\d)", teaching(f"slides/{chapter}.md"))
-    }
-    assert named == set(chapters)
-
-
 def test_the_lesson_s_table_of_rates():
     """How long lamp and rod count as moving."""
     rows = re.findall(
