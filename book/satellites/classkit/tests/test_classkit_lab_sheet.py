@@ -25,7 +25,7 @@ from satellites.classkit.preflight import of_rig, place_of_handle
 from satellites.classkit.seen import Seen
 from satellites.classkit.sheets import EDGE_MM, PAPERS, board_target
 from trinolab.bench.scenario import Job, take
-from trinolab.datasets import load_real_sets, load_sweep, real_set
+from trinolab.datasets import load_real_sets, real_set
 from trinolab.files import recording_writer
 from trinolab.files.fetch import why_not
 from trinolab.files.poses import read_poses, transforms, truth_table, write_poses
@@ -60,27 +60,6 @@ def table_below(heading):
     text = PAGE.read_text(encoding="utf-8").partition(heading)[2]
     lines = re.search(r"(?:^\|.*\n)+", text, re.MULTILINE)[0].splitlines()
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
-
-
-@pytest.mark.parametrize(("width", "count"), [(640, 5), (1280, 2)])
-def test_the_tables_of_webcams_are_those_of_the_study(width, count):
-    study = load_sweep("webcams").set_index(["width_px", "rod_mm", "marker_mm", "estimator"])
-    assert (set(study["n"]), set(study["seed"]), study["wrong"].sum()) == ({60}, {27}, 0)
-    rows = table_below(f"With {width} x")
-    assert len(rows) == count
-    for what, *cells in rows:
-        rod, marker, pixels = map(float, re.findall(r"[0-9.]+", what))
-        ours, theirs = (
-            study.loc[width, rod, marker, name] for name in ("patches", "paper, checked")
-        )
-        assert pixels == pytest.approx(ours["marker_px"])
-        low, high = (100 * ours[f"measured_{end}"] for end in ("low", "high"))
-        best, paper = (
-            f"{one['E_t_mm']:.3f} mm ({one['E_t_mm_low']:.3f} to {one['E_t_mm_high']:.3f})"
-            for one in (ours, theirs)
-        )
-        share = f"{100 * ours['measured']:.0f} % ({low:.0f} to {high:.0f})"
-        assert cells == [share, f"{best}, {ours['geodesic_deg']:.2f}°", paper]
 
 
 def test_the_limits_of_the_page_are_those_of_the_command():

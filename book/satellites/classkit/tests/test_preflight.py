@@ -23,7 +23,6 @@ from satellites.classkit.criteria import (
 )
 from satellites.classkit.preflight import cost_mm, of_rig, preflight
 from satellites.classkit.seen import steepness
-from trinolab.bench.rendering import standard_recording
 from trinolab.camera import Rig, RigCovariance, displaced
 from trinolab.triangulation import triangulate
 
@@ -154,14 +153,6 @@ def test_a_long_exposure(tmp_path, exposure_ms, expected):
     if exposure_ms in (10, 20):
         shown = measured(table, criteria.SMEAR).split("an exposure of ")[1]
         page_says("book/commands.md", f"{shown} for {exposure_ms} ms")
-
-
-@pytest.mark.heavy
-def test_the_exposure_of_the_recording_hard():
-    folder = standard_recording("hard", seconds=2.0, progress=False)
-    table = preflight(folder, progress=False).set_index("what")
-    shown = measured(table, criteria.SMEAR).split("an exposure of ")[1]
-    page_says("book/commands.md", f"{shown} for 10 ms on the recording {{ref}}`hard")
 
 
 @pytest.mark.heavy
