@@ -67,6 +67,11 @@ def column(*arguments):
     return X[:, None], P
 
 
+def doubled_column(*arguments):
+    X, P = STEP.solution(*arguments)
+    return 2 * X[:, None], P
+
+
 def mixed(*arguments):
     scale, strokes = exercise("11.2").solution(*arguments)
     return [np.array([scale]), strokes]
@@ -88,6 +93,7 @@ ALL_SIX = "filter_number agrees with the solution in 6 of 6 cases."
         ("04.2", column_of_doubles, False, ["]; [", "is right."]),
         ("04.3", nearly, False, ["number 2 is an array of the shape (6, 6), of which 1 of 36"]),
         ("04.3", nearly, False, ["2 things;", "at [2, 2] it is off by 1e-05"]),
+        ("04.3", doubled_column, False, ["returns 2 things; number 1 is [["]),
         ("11.3", nan_while_lost, False, ["(10, 3), of which 6 of 30", "at [2, 0] it is nan; "]),
         ("08.3", none_for_nan, False, ["returns None; [nan, nan, nan] is asked for."]),
         ("04.3", column, True, []),
