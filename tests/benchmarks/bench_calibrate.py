@@ -56,7 +56,7 @@ def ours(sources, target, folder):
     result = calibrate_rig(
         sources, target, folder / "rig.toml", progress=False, picture=picture_of_residuals
     )
-    return result.found.rms_px
+    return result.calibrated.rms_px
 
 
 def corners_of(image, target):

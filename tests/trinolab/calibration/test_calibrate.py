@@ -116,7 +116,7 @@ def test_chessboards_give_the_truth_within_the_stated_uncertainty(folder, caplog
     assert off.abs().max() < 4
     assert np.sqrt((off**2).mean()) < 2
     assert caplog.messages == []
-    again, found = read_rig("rig.toml"), result.found
+    again, found = read_rig("rig.toml"), result.calibrated
     np.testing.assert_array_equal(again.covariance.matrix, found.rig_covariance.matrix)
     np.testing.assert_array_equal(again.cameras[1].matrix, found.cameras[1].matrix)
     assert [path.name for path in sorted(folder.iterdir()) if path.is_file()] == sorted(FILES)
@@ -141,10 +141,10 @@ def test_printed_targets_give_the_truth(target, tmp_path, monkeypatch):
     # a circle's blob has its centre off the circle's by up to 0.05 px here: more than its noise
     assert off_sigma(result, STRAIGHT).abs().max() < (4 if target is CHARUCO else 10)
     # along z it is worth 0.8 mm
-    here, there = (rig.cameras[1] for rig in (result.found, STRAIGHT))
+    here, there = (rig.cameras[1] for rig in (result.calibrated, STRAIGHT))
     np.testing.assert_allclose(here.centre, there.centre, rtol=0, atol=3.0)
     np.testing.assert_allclose(here.focal, there.focal, rtol=5e-3)
-    assert result.found.rms_px < 0.12
+    assert result.calibrated.rms_px < 0.12
 
 
 @pytest.mark.parametrize("look", appearances(CHARUCO), ids=str)
@@ -182,7 +182,7 @@ def test_a_board_in_light_on_dark_between_two_cameras_that_face_each_other(tmp_p
     negative, mirrored, scale = result.notes
     assert "negative of 14 of the 14 images that show it: the target is light on dark" in negative
     assert "seen as in a mirror by b in 7 of 7 images" in mirrored
-    apart = np.linalg.norm(result.found.cameras[1].centre)
+    apart = np.linalg.norm(result.calibrated.cameras[1].centre)
     assert apart == pytest.approx(960, rel=0.01)
     assert re.search(rf"squares of 20 mm .*: b {apart:.4g} mm, the target \d+ to \d+ mm$", scale)
 

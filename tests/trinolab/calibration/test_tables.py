@@ -276,8 +276,8 @@ def test_a_camera_that_begins_late_is_paired_again(late, tmp_path):
     result = calibrate_rig(
         tmp_path / "xy.csv", board, tmp_path / "rig.toml", size=(640, 480), distortion_terms=0
     )
-    sigma = np.sqrt(np.diag(result.found.relative_covariance(1)))
-    off = motion_between(result.found.cameras[1].T_world_cam, truth)
+    sigma = np.sqrt(np.diag(result.calibrated.relative_covariance(1)))
+    off = motion_between(result.calibrated.cameras[1].T_world_cam, truth)
     assert (np.abs(off) < 4 * sigma).all()
     assert np.linalg.norm(off[:3]) < 2.0  # mm, of 240
     again = [line for line in result.warnings if "begin at different frames" in line]
@@ -302,7 +302,7 @@ def caliscope(tmp_path_factory):
         lenses=source / "camera_array.toml",
     )
     assert len(result.views) == 4 * 48
-    assert result.found.rms_px < 0.8  # px; the cameras were not triggered together
+    assert result.calibrated.rms_px < 0.8  # px; the cameras were not triggered together
     return result
 
 
@@ -311,7 +311,7 @@ def test_published_baselines_of_caliscope(caliscope, pair):
     """0.81 % at most, for the last pair: its two cameras are together in 8 of the views that are used.
     With cameras that are taken for simultaneous it is off by 1.24 %.
     """
-    a, b = (caliscope.found.cameras[int(k)].centre for k in pair.split("-"))
+    a, b = (caliscope.calibrated.cameras[int(k)].centre for k in pair.split("-"))
     assert np.linalg.norm(a - b) == pytest.approx(1e3 * PUBLISHED_M[pair], rel=0.01)
 
 

@@ -81,7 +81,7 @@ def test_centroids_that_are_moved():
     truth = PLACES[9]
     frames = scene.render_rig(RIG, ROD, truth, optics.Bench(), np.random.default_rng(0))
     seen = measurement.measure(frames, RIG, ROD, truth, Parameters(estimator="paper"))
-    uv = identity.labelled_pixels(seen.labels, [spots.uv for spots in seen.found], 12)
+    uv = identity.labelled_pixels(seen.labels, [spots.uv for spots in seen.markers], 12)
     T = seen.pose.T_world_handle
     epsilon = 0.3
     share = 1 - (j1(2 * epsilon) / (2 * epsilon)) / (j1(epsilon) / epsilon)
