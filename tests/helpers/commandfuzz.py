@@ -1,15 +1,24 @@
 """Whole commands on files of which one is wrong, each in a process with 2 GB of memory."""
 
 import io
+import os
 import re
+import resource
+import shlex
 import shutil
+import subprocess
+import sys
 from contextlib import redirect_stdout
 from pathlib import Path
+from threading import Timer
 from typing import NamedTuple
 
-from bombs import IMAGE, endless, pipe, run_limited
 from healthy import BOARDS, CAPTURE, EVALUATE, FOLLOW, MEASURE, TRACK, VIDEOS, run
+from processes import CLI, HANGS_S
 
+MIB = 1 << 20
+LIMIT = 2048 * MIB  # of a command's address space
+IMAGE = "rec/images/ccd1/000001.png"
 # each command with the files that it reads
 READ = {
     EVALUATE: ("found.csv", "truth.csv", "handle.toml"),
@@ -26,13 +35,45 @@ READ = {
 LONGEST = 30_000_000  # bytes that a stretch grows to
 
 
+class Ran(NamedTuple):
+    """A command's exit code, its lines on standard error, the most memory that it had, bytes, and its
+    processor time, s.
+    """
+
+    code: int
+    lines: list[str]
+    peak: int
+    seconds: float
+
+
 class Attempt(NamedTuple):
     """A command line, the file that was wrong, what was wrong with it, and what the command did."""
 
     line: str
     file: str
     what: str
-    ran: object
+    ran: Ran
+
+
+def run_limited(line, folder):
+    """Run a command in a process that gets no more than `LIMIT` bytes of address space."""
+    with subprocess.Popen(
+        [sys.executable, "-c", CLI, *shlex.split(line)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (LIMIT, LIMIT)),
+        cwd=folder,
+        env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+    ) as process:
+        hangs = Timer(HANGS_S, process.kill)
+        hangs.start()
+        lines = process.stderr.read().decode(errors="replace").splitlines()
+        _, status, usage = os.wait4(process.pid, 0)
+        hangs.cancel()
+        process.returncode = os.waitstatus_to_exitcode(status)
+    seconds = usage.ru_utime + usage.ru_stime
+    return Ran(process.returncode, lines, usage.ru_maxrss * 1024, seconds)  # Linux counts in KiB
 
 
 def make_bag(folder):
@@ -56,7 +97,7 @@ def attempts(rng, healthy, work, count):
         line = lines[rng.integers(len(lines))]
         file = READ[line][rng.integers(len(READ[line]))]
         what = make_wrong(rng, work / file)
-        yield Attempt(line, file, what, run_limited(f"{line}", folder=work))
+        yield Attempt(line, file, what, run_limited(line, work))
 
 
 def make_wrong(rng, path):
@@ -123,7 +164,12 @@ def _cut(rng, path):
 
 def _replaced(rng, path):
     path.unlink()
-    ways = {"a pipe": pipe, "a device": endless, "a folder": Path.mkdir, "nothing": Path.touch}
+    ways = {
+        "a pipe": os.mkfifo,  # that nobody writes into
+        "a device": lambda path: path.symlink_to("/dev/zero"),
+        "a folder": Path.mkdir,
+        "nothing": Path.touch,
+    }
     name = list(ways)[rng.integers(len(ways))]
     ways[name](path)
     return name
