@@ -17,6 +17,7 @@ import cv2
 import numpy as np
 import pytest
 import tomli_w
+from cases import cases, unescaped
 from healthy import CODED, RIG, contents, make_healthy, run, true_path, write_video
 
 from trinolab.camera import Rig
@@ -38,7 +39,7 @@ POSE = "0,0,570,1,0,0,0,measured"
 
 
 def write(path, content=""):
-    path.write_bytes(content.encode().decode("unicode_escape").encode("latin-1"))
+    path.write_bytes(unescaped(content).encode("latin-1"))
 
 
 def deep(path, content=""):
@@ -54,7 +55,7 @@ def poses(path, lines=""):
 
 
 def change(path, values):
-    old, new = (part.encode().decode("unicode_escape") for part in values.split(" -> "))
+    old, new = map(unescaped, values.split(" -> "))
     before = path.read_text()
     assert old in before
     path.write_text(before.replace(old, new, 1))
@@ -160,18 +161,7 @@ def do(action):
 # --- the table
 
 
-def table():
-    """Rows: the healthy command line, what is wrong, what is said of it."""
-    line = ""
-    for row in Path(__file__).with_name("faults.txt").read_text(encoding="utf-8").splitlines():
-        if row.startswith("$"):
-            line = row[1:].strip()
-        elif row and row[0] != "#":
-            fault, message = (part.strip() for part in row.split(" |"))
-            yield line, fault, message
-
-
-FAULTS = list(table())
+FAULTS = cases(Path(__file__).with_name("faults.txt"))
 HEALTHY = [line for line in dict.fromkeys(line for line, _, _ in FAULTS) if line]
 
 

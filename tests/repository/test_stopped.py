@@ -201,7 +201,11 @@ def test_a_rendering_that_is_killed_goes_on_to_the_same_files(folder, moment):
     assert run(RENDER) == 0
     assert run(RENDER.replace("--out out", "--out undisturbed")) == 0
     one, other = (
-        {path.relative_to(root): data for path, data in contents(Path(root)).items()}
+        {
+            path.relative_to(root): data
+            for path, data in contents(Path(root)).items()
+            if path.name[0] != "."
+        }
         for root in ("out", "undisturbed")
     )
     assert one == other

@@ -17,7 +17,6 @@ from trinolab.bench.hand import (
 from trinolab.bench.motion import random_pose, smooth_motion
 from trinolab.bench.optics import Bench, background
 from trinolab.bench.scene import radiance
-from trinolab.camera import Camera
 from trinolab.datasets import load_handle, paper_rig
 
 PAPER = load_handle("paper")
@@ -94,15 +93,7 @@ def seen(camera, T, arm, uv):
     )
 
 
-def cropped(camera, centre_uv, size, factor):
-    """A camera of few large pixels around a place of the image."""
-    matrix = np.diag([factor, factor, 1]) @ camera.matrix
-    matrix[:2, 2] = factor * (camera.principal_point - centre_uv) + np.array(size) / 2
-    return Camera(camera.name, size, matrix, camera.distortions, camera.T_cam_world)
-
-
 # --- capsules
-# -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -167,21 +158,16 @@ def test_the_region_holds_all_that_meets_the_arm():
 
 
 # --- images
-# ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "turn_deg",
-    [0, pytest.param(180, marks=pytest.mark.heavy)],
-    ids=["fingers in front", "fingers behind"],
-)
+@pytest.mark.parametrize("turn_deg", [0, 180], ids=["fingers in front", "fingers behind"])
 def test_what_is_nearer_hides_what_is_behind(turn_deg):
     """Pixels in the hand, at random: marching against all solids at once says which is first."""
     T, arm = upright(turn_deg=turn_deg), plain()
     image = radiance(CCD1, PAPER, T, FLAT, arm)
     centre = CCD1.project(T.apply([[0.0, -50, 0]]))[0]
-    uv = np.round(centre + np.random.default_rng(4).uniform(-140, 140, (500, 2)))
+    uv = np.round(centre + np.random.default_rng(4).uniform(-140, 140, (300, 2)))
     corners = [
         seen(CCD1, T, arm, uv + shift)
         for shift in ((0.5, 0.5), (-0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (0, 0))
@@ -191,28 +177,6 @@ def test_what_is_nearer_hides_what_is_behind(turn_deg):
     u, v = uv[whole].astype(int).T
     np.testing.assert_allclose(image[v, u], expected[whole], atol=1e-9)
     assert all((expected[whole] == grey).sum() >= 5 for grey in (0.0, 90.0, SKIN))
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("turn_deg", [130, 0])
-def test_edges_of_the_hand_are_means_over_the_pixel(turn_deg):
-    """A few large pixels, all of them marched with 4 x 4 samples."""
-    T, arm = upright(turn_deg=turn_deg), plain()
-    camera = cropped(CCD1, CCD1.project(T.apply([[0.0, -55, 0]]))[0], (32, 26), 1 / 10)
-    v, u = np.mgrid[:26, :32].reshape(2, -1)
-    steps = (np.arange(4) + 0.5) / 4 - 0.5
-    offsets = np.column_stack([np.tile(steps, 4), np.repeat(steps, 4)])
-    what = seen(camera, T, arm, (np.column_stack([u, v])[:, None] + offsets).reshape(-1, 2))
-    expected = (
-        np.select([what == "skin", what == "body"], [SKIN, 90.0], 0.0)
-        .reshape(26, 32, 16)
-        .mean(axis=2)
-    )
-    image = radiance(camera, PAPER, T, FLAT, arm)
-    mixed = (expected % 30 != 0).sum()
-    assert mixed > 60
-    # of 832; marching creeps in a crease and where a ray grazes
-    assert (np.abs(image - expected) > 1e-6).sum() <= 5
 
 
 def test_the_arm_leaves_all_else_as_it_was():
@@ -257,7 +221,6 @@ def test_the_texture_is_slight_and_moves_with_the_hand():
 
 
 # --- the hand and what it hides
-# -------------------------------------------------------------------------------------
 
 
 def test_the_hand_holds_the_body_where_it_should():
@@ -282,7 +245,7 @@ def test_the_hand_holds_the_body_where_it_should():
 
 
 def test_the_forearm_leaves_towards_the_operator_and_from_the_free_end():
-    for seed in range(50):
+    for seed in range(12):
         T = random_pose(np.random.default_rng(seed))
         solids = capsules(Arm(), PAPER, T)
         leaving = solids.ends[-1] - solids.starts[-1]
@@ -294,19 +257,16 @@ def test_the_forearm_leaves_towards_the_operator_and_from_the_free_end():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["paper", pytest.param("coded", marks=pytest.mark.heavy)])
-def test_no_marker_is_covered_by_default(name):
-    handle = load_handle(name)
+def test_no_marker_is_covered_by_default():
     rng = np.random.default_rng(8)
-    poses = [*smooth_motion(rng, 12, 1), *(random_pose(rng) for _ in range(12))]
-    for T in poses:
+    for T in [*smooth_motion(rng, 6, 1), *(random_pose(rng) for _ in range(6))]:
         for camera in RIG.cameras:
-            free, held = (true_visibility(camera, handle, T, arm) for arm in (None, Arm()))
+            free, held = (true_visibility(camera, PAPER, T, arm) for arm in (None, Arm()))
             assert (free == held).all()
 
 
 def test_a_second_hand_hides_the_markers_from_one_camera():
-    for T in smooth_motion(np.random.default_rng(9), 10, 1):
+    for T in smooth_motion(np.random.default_rng(9), 5, 1):
         for hidden in (CCD1, CCD2):
             arm = Arm(hides_from=tuple(hidden.centre))
             assert not true_visibility(hidden, PAPER, T, arm).any()
@@ -317,16 +277,6 @@ def test_a_second_hand_hides_the_markers_from_one_camera():
 
 
 @pytest.mark.slow
-def test_a_hidden_marker_is_not_in_the_image():
-    T, bench = upright(), Bench(shading=0)
-    markers = [
-        (radiance(camera, PAPER, T, bench, Arm(hides_from=tuple(CCD1.centre))) == 220).any()
-        for camera in (CCD1, CCD2)
-    ]
-    assert markers == [False, True]
-
-
-@pytest.mark.slow
 def test_true_visibility_counts_the_share_that_an_arm_hides():
     """A grip that slides over the lower row: the share that is shown, by marching rays to random
     points of a marker.
@@ -334,7 +284,7 @@ def test_true_visibility_counts_the_share_that_an_arm_hides():
     rng = np.random.default_rng(10)
     radius, phi = 1.5 * np.sqrt(rng.uniform(size=300)), rng.uniform(0, 2 * np.pi, 300)
     T, decided = upright(turn_deg=180), []
-    for top in (-11.0, -10.4, -9.5, -8.5):
+    for top in (-11.0, -9.5, -8.5):
         arm = Arm(grip_mm=(top - 70, top))
         truly = true_visibility(CCD1, PAPER, T, arm)
         assert truly[::2].sum() == 3  # the upper row
@@ -358,11 +308,10 @@ def test_true_visibility_counts_the_share_that_an_arm_hides():
             assert abs(share - 0.8) > 0.01
             assert truly[k] == (share > 0.8)
             decided.append(truly[k])
-    assert 3 <= sum(decided) <= len(decided) - 6
+    assert 3 <= sum(decided) <= len(decided) - 3
 
 
 # --- bad input
-# ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -389,10 +338,22 @@ def test_a_grip_may_be_given_either_way_round():
     assert Arm(grip_mm=(-40, -110)).grip_mm == Arm().grip_mm
 
 
-def test_bad_poses_are_named():
-    with pytest.raises(ValueError, match="T_world_handle: expected one"):
-        capsules(Arm(), PAPER, RigidTransform.from_translation(np.zeros((2, 3))))
-    with pytest.raises(ValueError, match="hides_from, seen from the handle: expected a direction"):
-        capsules(Arm(hides_from=(0, 0, 570)), PAPER, upright())
-    with pytest.raises(ValueError, match="forearm, across the line of sight: expected a direction"):
-        capsules(Arm(hides_from=(0, 0, 0), forearm=(0, 0, 1)), PAPER, upright())
+@pytest.mark.parametrize(
+    ("arm", "T", "message"),
+    [
+        (Arm(), RigidTransform.from_translation([[0.0] * 3] * 2), "T_world_handle: expected one"),
+        (
+            Arm(hides_from=(0, 0, 570)),
+            upright(),
+            "hides_from, seen from the handle: expected a direction",
+        ),
+        (
+            Arm(hides_from=(0, 0, 0), forearm=(0, 0, 1)),
+            upright(),
+            "forearm, across the line of sight: expected a direction",
+        ),
+    ],
+)
+def test_a_pose_that_leaves_no_direction_is_named(arm, T, message):
+    with pytest.raises(ValueError, match=message):
+        capsules(arm, PAPER, T)

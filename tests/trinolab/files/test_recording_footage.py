@@ -3,10 +3,12 @@ named.
 """
 
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from cases import cases, unescaped
 
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
@@ -226,23 +228,9 @@ def test_each_camera_has_one_source_in_a_folder(folder, rig, images):
         find_footage(folder / "no", rig)
 
 
-BAD_TIMES = {
-    "repeated": ("frame,t_s\n0,0\n1,0\n", "frame 1: column 't_s' expects increasing"),
-    "decreasing": ("frame,t_s\n0,1\n1,0.5\n", "frame 1: column 't_s' expects increasing"),
-    "nan": ("frame,t_s\n0,nan\n", "frame 0: column 't_s'"),
-    "infinite": ("frame,t_s\n0,0\n1,inf\n", "frame 1: column 't_s'"),
-    "infinite twice": ("frame,t_s\n0,inf\n1,inf\n", "frame 0: column 't_s'"),
-    "text": ("frame,t_s\n0,then\n", "no valid CSV"),
-    "no column": ("frame,time\n0,1\n", "no valid CSV"),
-    "gap": ("frame,t_s\n0,0\n2,1\n", "expects 0, 1, 2"),
-    "empty": ("", "no valid CSV"),
-    "no row": ("frame,t_s\n", "column 'frame' expects"),
-}
-
-
-@pytest.mark.parametrize(("text", "message"), BAD_TIMES.values(), ids=BAD_TIMES)
+@pytest.mark.parametrize(("text", "message"), cases(Path(__file__).with_name("wrong.txt"), "times"))
 def test_bad_timestamps_are_named(tmp_path, text, message):
-    (tmp_path / "t.csv").write_text(text)
+    (tmp_path / "t.csv").write_text(unescaped(text))
     with pytest.raises(ValueError, match=message) as caught:
         read_timestamps(tmp_path / "t.csv")
     assert str(caught.value).startswith(str(tmp_path / "t.csv"))
