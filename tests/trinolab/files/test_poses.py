@@ -18,7 +18,6 @@ from trinolab.files.poses import (
     write_poses,
     write_tum,
 )
-from trinolab.metrics import euler_deg
 from trinolab.pose import LOST, Pose
 
 # the columns that book/notation.md lists, typed once more
@@ -173,9 +172,6 @@ def test_any_pose_survives_the_file(position, rotvec, tmp_path_factory):
     T = RigidTransform.from_components([position], Rotation.from_rotvec([rotvec]))
     path = tmp_path_factory.mktemp("poses") / "p.csv"
     write_poses(truth_table(T), path)
-    table = read_poses(path)
-    back = transforms(table)
+    back = transforms(read_poses(path))
     assert np.allclose(back.translation, T.translation, rtol=1e-8, atol=1e-12)  # nine digits
     assert (back.rotation * T.rotation.inv()).magnitude().max() < 1e-8
-    angles = table[["alpha_deg", "beta_deg", "gamma_deg"]]
-    assert np.allclose(euler_deg(back), angles, atol=1e-5) or abs(abs(angles.iloc[0, 1]) - 90) < 1
