@@ -96,15 +96,11 @@ def attempts(rng, healthy, work, count):
         shutil.copytree(healthy, work)
         line = lines[rng.integers(len(lines))]
         file = READ[line][rng.integers(len(READ[line]))]
-        what = make_wrong(rng, work / file)
+        what = list(WAYS)[rng.integers(len(WAYS))]
+        content = (work / file).read_bytes()
+        (work / file).unlink()
+        WAYS[what](rng, work / file, content)
         yield Attempt(line, file, what, run_limited(line, work))
-
-
-def make_wrong(rng, path):
-    """Make one file wrong, and say how."""
-    ways = (_bytes, _bytes, _numbers, _numbers, _numbers, _grown, _grown, _cut, _replaced)
-    way = ways[rng.integers(len(ways))]
-    return way(rng, path)
 
 
 def finding(attempt):
@@ -122,54 +118,42 @@ def finding(attempt):
     return f"memory: {last}" if "not enough memory" in last else ""
 
 
-def _bytes(rng, path):
-    content = bytearray(path.read_bytes())
+def _bytes(rng, path, content):
+    content = bytearray(content)
     for place in rng.integers(len(content), size=int(10 ** rng.uniform(0, 1.5))):
         content[place] = rng.integers(256)
     path.write_bytes(content)
-    return "other bytes"
 
 
-def _numbers(rng, path):
+def _numbers(rng, path, content):
     """Another number where digits stand; in a file that is no text that is a matter of luck."""
-    content = path.read_bytes()
-    places = [match.span() for match in re.finditer(rb"\d+(?:\.\d+)?", content)]
-    if not places:
-        return _bytes(rng, path)
     others = (b"0", b"-1", b"65535", b"99999", b"1e308", b"nan", b"inf", b"9" * 400, b"1e-320")
-    for _ in range(rng.integers(1, 4)):
-        start, stop = places[rng.integers(len(places))]
-        if stop <= len(content):
-            content = content[:start] + others[rng.integers(len(others))] + content[stop:]
-    path.write_bytes(content)
-    return "other numbers"
+    share = 3 / max(len(re.findall(rb"\d+(?:\.\d+)?", content)), 3)
+
+    def other(match):
+        return others[rng.integers(len(others))] if rng.random() < share else match[0]
+
+    path.write_bytes(re.sub(rb"\d+(?:\.\d+)?", other, content))
 
 
-def _grown(rng, path):
+def _grown(rng, path, content):
     """A stretch of it, again and again."""
-    content = path.read_bytes()
     start = rng.integers(len(content))
     piece = content[start : start + rng.integers(1, 40)]
-    times = int(10 ** rng.uniform(1, 7))
-    grown = piece * min(times, LONGEST // len(piece))
-    path.write_bytes(content[:start] + grown + content[start:])
-    return "a stretch repeated"
+    times = min(int(10 ** rng.uniform(1, 7)), LONGEST // len(piece))
+    path.write_bytes(content[:start] + piece * times + content[start:])
 
 
-def _cut(rng, path):
-    content = path.read_bytes()
+def _cut(rng, path, content):
     path.write_bytes(content[: rng.integers(len(content))])
-    return "cut off"
 
 
-def _replaced(rng, path):
-    path.unlink()
-    ways = {
-        "a pipe": os.mkfifo,  # that nobody writes into
-        "a device": lambda path: path.symlink_to("/dev/zero"),
-        "a folder": Path.mkdir,
-        "nothing": Path.touch,
-    }
-    name = list(ways)[rng.integers(len(ways))]
-    ways[name](path)
-    return name
+WAYS = {
+    "other bytes": _bytes,
+    "other numbers": _numbers,
+    "a stretch repeated": _grown,
+    "cut off": _cut,
+    "a pipe": lambda rng, path, content: os.mkfifo(path),  # that nobody writes into
+    "a device": lambda rng, path, content: path.symlink_to("/dev/zero"),
+    "a folder": lambda rng, path, content: path.mkdir(),
+}

@@ -1,20 +1,23 @@
 """Every chapter runs as it stands and with other parameters, and glues what a sweep asks for.
 
 `make book` runs the chapters as they stand: what it has stored is looked at here, or they run here
-if that is stale. With other parameters the lessons run in a small size; `make verify` repeats that
-in full, and for the studies.
+if that is stale. With other parameters two lessons run in a small size; `make verify` runs all, the
+studies as well, and repeats that in full.
 """
 
 import json
+from functools import cache
 
 import nbformat
 import pytest
 from chapterruns import OTHER_PARAMETERS, SMALL, check_results
-from chapters import LESSONS, NOTEBOOKS, STUDIES
+from chapters import LESSONS, NOTEBOOKS
 from executed import as_it_stands
 from films import frames_in
 from nbformat.v4 import new_code_cell
 
+from workbench.pages import build
+from workbench.provenance import hash_text, made_from_notebook
 from workbench.sweep.jobs import notebook_job, run_whole
 from workbench.sweep.notebook import glued, read_notebook, read_parameters, run_notebook
 from workbench.sweep.outcome import FAILED
@@ -64,15 +67,20 @@ def test_runs_at_its_defaults(path, tmp_path, monkeypatch):
     assert frames == ([FILM_FRAMES[path.stem]] if path.stem in FILM_FRAMES else [])
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        *LESSONS,
-        *(pytest.param(path, marks=pytest.mark.heavy) for path in STUDIES),
-    ],
-    ids=lambda path: path.stem,
-)
-def test_runs_at_other_parameters(path):
+@cache
+def two_lessons():
+    """First what has changed since the pages were built, then others, by the hash of all that they are
+    made from.
+    """
+
+    def order(path):
+        made_from = made_from_notebook(read_notebook(path), path.parent)
+        return build.executed(path) is not None, hash_text(str(made_from))
+
+    return sorted(LESSONS, key=order)[:2]
+
+
+def check_other_parameters(path):
     other, small = (entries.get(path.stem, {}) for entries in (OTHER_PARAMETERS, SMALL))
     defaults = read_parameters(path)
     assert any(value != defaults.get(name) for name, value in other.items()), (
@@ -84,6 +92,17 @@ def test_runs_at_other_parameters(path):
     outcome = run_whole(job, {**other, **small})
     assert outcome.status != FAILED, outcome.error
     check_results(path.stem, glued(nbformat.reads(outcome.notebook, as_version=4)))
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_two_lessons_run_at_other_parameters(number):
+    check_other_parameters(two_lessons()[number])
+
+
+@pytest.mark.heavy
+@each_notebook
+def test_runs_at_other_parameters(path):
+    check_other_parameters(path)
 
 
 @each_notebook

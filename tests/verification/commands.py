@@ -1,9 +1,8 @@
 """Whole commands on wrong files, with 2 GB of memory: an answer, or one line of what is wrong."""
 
-import os
-import sys
 import tempfile
 from collections import Counter
+from contextlib import chdir
 from pathlib import Path
 
 import numpy as np
@@ -13,51 +12,31 @@ from tqdm import tqdm
 
 COUNT = 3  # instants of the recording
 SEED = 1
-LONG_S = 1.0  # of processor time, from which on a refusal is listed
 
 
-def report(arguments) -> None:
-    with tempfile.TemporaryDirectory() as name:
+def report(arguments) -> bool:
+    """Whether nothing was found."""
+    with tempfile.TemporaryDirectory() as name, chdir(name):
         root = Path(name)
-        before = Path.cwd()
-        os.chdir(root)
-        try:
-            findings = _attempts(root, arguments.commands)
-        finally:
-            os.chdir(before)
-    if findings:
-        sys.exit(1)
+        healthy = root / "healthy"
+        healthy.mkdir()
+        make_healthy(healthy, COUNT)
+        with chdir(healthy):
+            make_bag(healthy)
+        return not _attempts(root, healthy, arguments.commands)
 
 
-def _healthy(root: Path) -> Path:
-    folder = root / "healthy"
-    if not folder.exists():
-        folder.mkdir()
-        make_healthy(folder, COUNT)
-        os.chdir(folder)
-        make_bag(folder)
-        os.chdir(root)
-    return folder
-
-
-def _attempts(root: Path, count: int) -> int:
+def _attempts(root: Path, healthy: Path, count: int) -> int:
     """Print what commands did on files of which one is wrong; the number of findings."""
     print(f"{count} commands with 2 GB of memory, on files of which one is wrong (seed {SEED})")
     codes: Counter = Counter()
-    refused = list[float]()  # s of processor time
-    peak = 0
-    findings = 0
-    rng = np.random.default_rng(SEED)
-    made = attempts(rng, _healthy(root), root / "work", count)
+    refused, peak, findings = list[float](), 0, 0
+    made = attempts(np.random.default_rng(SEED), healthy, root / "work", count)
     for attempt in tqdm(made, total=count, leave=False, unit="command"):
         codes[attempt.ran.code] += 1
         peak = max(peak, attempt.ran.peak)
         if attempt.ran.code == 2:
             refused.append(attempt.ran.seconds)
-            if attempt.ran.seconds > LONG_S:
-                print(
-                    f"{attempt.ran.seconds:.2f} s: {attempt.line}: {attempt.file} ({attempt.what})"
-                )
         if said := finding(attempt):
             findings += 1
             print(f"finding: {attempt.line}: {attempt.file} ({attempt.what}): {said}", flush=True)
