@@ -15,7 +15,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab import kalman, matching, pose, triangulation
-from trinolab.camera import Camera, Rig, T_between, T_world_oxyz, epipolar_lines, fundamental_matrix
+from trinolab.camera import Camera, Rig, T_between, epipolar_lines, fundamental_matrix
 from trinolab.checks import LARGEST
 from trinolab.datasets import load_handle, load_rig
 from trinolab.files.rigs import read_handle, write_handle
@@ -163,16 +163,9 @@ def test_a_camera_is_refused_or_usable(name, size, matrix, distortions, T):
     rows(3),
     rows(2),
 )
-def test_a_camera_with_numbers_at_its_limits_gives_points_or_nan(
-    f, c, distortions, translation, points, uv
-):
-    camera = Camera(
-        "c",
-        (1280, 1024),
-        [[f, 0, c], [0, f, c], [0, 0, 1]],
-        distortions,
-        RigidTransform.from_translation(translation),
-    )
+def test_a_camera_with_numbers_at_its_limits_gives_points_or_nan(f, c, lens, t, points, uv):
+    T = RigidTransform.from_translation(t)
+    camera = Camera("c", (1280, 1024), [[f, 0, c], [0, f, c], [0, 0, 1]], lens, T)
     points_or_missing(camera.project(points), 2)
     points_or_missing(camera.normalise(uv), 2)
     points_or_missing(camera.rays(uv), 3)
@@ -194,32 +187,10 @@ def test_projection_and_rays_of_anything(camera, points, uv, margin):
         assert camera.sees(points, margin).dtype == bool
 
 
-@given(shipped, rows(3, 6, st.floats(-1e6, 1e6)))
-def test_what_is_behind_has_no_pixel(camera, points):
-    depth = camera.T_cam_world.as_matrix()[2] @ np.column_stack([points, np.ones(len(points))]).T
-    assert np.isnan(camera.project(points)[depth < 0]).all()
-
-
-@given(st.data(), cameras)
-def test_rays_go_back_through_the_points(data, camera):
-    points = data.draw(in_front(camera))
-    uv = camera.project(points)
-    assert np.isfinite(uv).all()
-    along = points - camera.centre
-    rays = camera.rays(uv)
-    np.testing.assert_allclose(np.cross(rays, along), 0, atol=1e-7)  # mm; 1e-10 rad at 1 m
-    assert ((rays * along).sum(axis=1) > 0).all()
-
-
 @given(lenses, rows(2, 6, tame))
 def test_distortion_is_undone_within_the_fold(distortions, xy):
-    camera = Camera(
-        "c",
-        (640, 480),
-        [[800, 0, 300], [0, 700, 250], [0, 0, 1]],
-        distortions,
-        RigidTransform.identity(),
-    )
+    matrix = [[800, 0, 300], [0, 700, 250], [0, 0, 1]]
+    camera = Camera("c", (640, 480), matrix, distortions, RigidTransform.identity())
     radius2 = (xy**2).sum(axis=1)
     k1, k2, _, _, k3 = distortions
     # The slope of the radius on the way out: where it nears zero the inverse is as badly
@@ -245,12 +216,12 @@ def test_a_camera_that_moves_with_the_world_sees_the_same(data, camera, T):
 @given(shipped, shipped, either(rows(2)), either(rows(2)))
 def test_epipolar_lines_of_anything(left, right, uv_left, uv_right):
     if left.centre.tolist() == right.centre.tolist():
+        one = [[600.0, 500.0]]
         assert refused(fundamental_matrix, left, right)
-        assert refused(epipolar_lines, left, right, [[600.0, 500.0]])
-        assert refused(matching.epipolar_distances, left, right, [[600.0, 500.0]], [[600.0, 500.0]])
-        assert refused(
-            triangulation.triangulate_pair, left, right, [[600.0, 500.0]], [[600.0, 500.0]]
-        )
+        assert refused(epipolar_lines, left, right, one)
+        assert refused(matching.epipolar_distances, left, right, one, one)
+        assert refused(triangulation.triangulate_pair, left, right, one, one)
+        assert refused(Rig, (left, left))
         return
     if not refused(epipolar_lines, left, right, uv_left):
         lines = epipolar_lines(left, right, uv_left)
@@ -260,16 +231,6 @@ def test_epipolar_lines_of_anything(left, right, uv_left, uv_right):
         D = matching.epipolar_distances(left, right, uv_left, uv_right)
         assert D.shape == (len(uv_left), len(uv_right))
         assert (D[np.isfinite(D)] >= 0).all()
-
-
-def test_the_image_of_the_other_centre_has_no_line():
-    # of a camera in the middle of the first one's image
-    ahead = RigidTransform.from_translation([0, 0, -500.0])
-    left = replace(PAIR.cameras[0], T_cam_world=RigidTransform.identity())
-    right = replace(left, T_cam_world=ahead)
-    lines = epipolar_lines(left, right, left.project(right.centre[None]))
-    assert np.isnan(lines).all()
-    assert np.isfinite(epipolar_lines(left, right, left.project(right.centre[None]) + 1e-3)).all()
 
 
 @given(st.data(), cameras, motions)
@@ -284,13 +245,6 @@ def test_true_pairs_lie_on_their_lines_wherever_the_cameras_stand(data, left, T)
     # aside
     own = np.nan_to_num(np.diag(D))  # a point in the image of the other camera's centre has no line
     assert (own < 1e-4 + 1e-9 * np.abs(uv_right[seen]).max(axis=1, initial=0.0)).all()
-
-
-@given(either(st.integers(-5, 5)), either(st.integers(-5, 5)))
-def test_the_baseline_frame_of_any_two_indices(first, second):
-    if not refused(T_world_oxyz, RIG, first, second):
-        assert {int(first), int(second)} <= {0, 1, 2}
-        assert int(first) != int(second)
 
 
 # --- handle
@@ -367,14 +321,6 @@ def test_slants_do_not_mind_where_the_world_is(T, viewpoint):
     np.testing.assert_allclose(there, seen, atol=1e-7)  # rad; arccos near 1 halves the digits
 
 
-@pytest.mark.parametrize("distance", [1e9, 1e36])
-def test_slants_from_far_away(distance):
-    # the distance itself drowns the handle's size, so what is left is the angle to the line of
-    # sight
-    angle = slants(HANDLE, RigidTransform.identity(), [0.6 * distance, 0.0, 0.8 * distance])
-    np.testing.assert_allclose(np.cos(angle), HANDLE.marker_normals @ [0.6, 0.0, 0.8], atol=1e-7)
-
-
 # --- matching
 
 images = arrays(
@@ -389,37 +335,6 @@ def test_correlation_of_anything(template, window):
         assert abs(matching.ncc(template, window)) <= 1 + 1e-12
         own = matching.ncc(template, template)
         assert own == 0 or own == pytest.approx(1, abs=1e-12)
-
-
-@given(
-    arrays(float, (5, 7), elements=tame),
-    arrays(float, (5, 7), elements=tame),
-    st.floats(1e-3, 1e3),
-    st.floats(-10, 10),
-)
-def test_correlation_does_not_mind_gain_offset_and_order(template, window, gain, offset):
-    assume(template.std() > 1e-2)
-    assume(window.std() > 1e-2)
-    S = matching.ncc(template, window)
-    assert matching.ncc(window, template) == pytest.approx(S, abs=1e-12)
-    # the offset costs three digits
-    assert matching.ncc(template, gain * window + gain * offset) == pytest.approx(S, abs=1e-9)
-    assert matching.ncc(template, -window) == pytest.approx(-S, abs=1e-12)
-
-
-@pytest.mark.parametrize("grey", [0.0, 0.1, 1 / 3, 1e5 / 7, -1e36, 5e-324])
-def test_a_flat_window_correlates_with_nothing(grey):
-    flat = np.full((21, 21), grey)
-    assert matching.ncc(flat, TEXTURE[:21, :21]) == 0.0
-    assert (
-        matching.ncc_matrix(np.full((40, 40), grey), TEXTURE, [[20, 20]], [[30, 30.5]], 21) == 0.0
-    )
-
-
-def test_rounding_is_no_contrast():
-    noise = np.where(np.indices((21, 21)).sum(axis=0) % 2, 0.3, 0.1 + 0.2)
-    assert np.ptp(noise) > 0
-    assert matching.ncc(noise, noise) == 0.0
 
 
 @given(
@@ -442,24 +357,6 @@ def test_matches_of_anything_join_each_point_once(left, right, image, uv_left, u
         assert len(set(column)) == len(column)
     assert (found.distance_px < matching.MatchParameters().epipolar_gate_px).all()
     assert (found.ncc > matching.MatchParameters().ncc_threshold).all()
-
-
-@given(
-    arrays(int, st.tuples(st.integers(2, 4), st.just(2)), elements=st.integers(0, 5)),
-    rows(2, 6, st.floats(0, 1000)),
-    st.sampled_from([2.0, 1e3, 0.0, -1.0, float("nan")]),
-    st.integers(-2, 0),
-)
-def test_matches_of_points_that_are_not_there_are_refused(index, uv, gate_px, below):
-    matches = matching.Matches(index, np.ones(len(index)), np.linspace(0, 1, len(index)))
-    kept = {tuple(pair) for pair in matching.mutual(matches).index}
-    assert kept <= {tuple(pair) for pair in index}
-    assert refused(matching.in_order, matches, *PAIR.cameras, uv, uv, gate_px) == (
-        index.max() >= len(uv) or not gate_px >= 0
-    )
-    assert refused(matching.Matches, index + below, matches.distance_px, matches.ncc) == (
-        (index + below).min() < 0
-    )
 
 
 # --- triangulation
@@ -507,33 +404,6 @@ def test_points_and_covariances_of_any_pixels(uv, sigma_px, step_px):
         assert (values[:, 0] >= -1e-9 * np.abs(values).max(axis=1, initial=0.0)).all()
 
 
-@given(
-    either(
-        arrays(float, st.tuples(st.integers(0, 3), st.integers(0, 3), st.just(3)), elements=bounded)
-    )
-)
-def test_the_mean_of_any_points(points):
-    if not refused(triangulation.mean_point, points):
-        mean = triangulation.mean_point(points)
-        there = points_or_missing(mean, 3)
-        points = np.asarray(points, dtype=float)
-        whole = np.isfinite(points).all(axis=2)
-        assert not there[~whole.any(axis=0)].any()
-        for k in np.flatnonzero(there):
-            own = points[whole[:, k], k]
-            slack = 1e-12 * np.abs(own).max()
-            assert (mean[k] >= own.min(axis=0) - slack).all()
-            assert (mean[k] <= own.max(axis=0) + slack).all()
-
-
-def test_one_camera_twice_is_refused():
-    uv = np.full((2, 1, 2), 500.0)
-    assert refused(triangulation.triangulate, NO_BASELINE, uv)
-    assert refused(triangulation.triangulation_covariance, NO_BASELINE, uv, 0.1)
-    assert refused(T_world_oxyz, NO_BASELINE)
-    assert refused(Rig, (PAIR.cameras[0], PAIR.cameras[0]))
-
-
 @given(st.data(), motions)
 def test_points_come_back_and_move_along_with_the_world(data, T):
     points = data.draw(in_front(PAIR.cameras[0], 0.15))
@@ -575,36 +445,6 @@ def test_a_fit_finds_the_motion_at_any_scale(points, T, scale):
     )
     np.testing.assert_allclose(found.rotation.as_matrix(), rotation.as_matrix(), atol=1e-10)
     np.testing.assert_allclose(found.translation / scale, shift, atol=1e-10)
-
-
-@given(
-    arrays(float, 3, elements=tame),
-    arrays(float, 3, elements=tame),
-    arrays(float, st.integers(0, 6), elements=tame),
-    motions,
-)
-def test_points_on_a_line_have_no_pose(start, direction, steps, T):
-    line = start + steps[:, None] * direction
-    assert pose.rigid_fit(line, np.random.default_rng(0).normal(size=line.shape)) is None
-    assert pose.rigid_fit(np.random.default_rng(0).normal(size=line.shape), line) is None
-    assert refused(pose.rigid_fit_covariance, line, T, np.tile(np.eye(3), (len(line), 1, 1)))
-
-
-@given(
-    either(rows(3, 5)),
-    st.just(AHEAD) | junk,
-    either(arrays(float, (5, 3, 3), elements=bounded)),
-    st.data(),
-)
-def test_a_covariance_of_anything_is_refused_or_a_covariance(source, T, covariances, data):
-    if isinstance(source, np.ndarray) and source.ndim == 2 and data.draw(st.booleans()):
-        covariances = np.einsum(
-            "nij,nkj->nik", *[data.draw(arrays(float, (len(source), 3, 3), elements=tame))] * 2
-        )
-    if not refused(pose.rigid_fit_covariance, source, T, covariances):
-        C = pose.rigid_fit_covariance(source, T, covariances)
-        scale = np.sqrt(np.maximum(np.diag(C), 1e-300))
-        assert np.linalg.eigvalsh((C + C.T) / 2 / scale[:, None] / scale)[0] > -1e-6
 
 
 # --- Kalman filter (tests/trinolab/test_kalman.py has more)

@@ -13,7 +13,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from healthy import BOARDS, EVALUATE, MEASURE, RENDER, SWEEP, TRACK, contents, make_healthy, run
+from healthy import BOARDS, EVALUATE, MEASURE, RENDER, TRACK, contents, make_healthy, run
 from processes import CLI, GATE, ended, open_gate, started, wait_until
 
 from trinolab.files import images
@@ -52,21 +52,6 @@ def pose_row(frame, *others):
         time.sleep(0.01)
     return real(frame, *others)
 track.pose_row = pose_row
-"""
-    + CLI
-)
-# Ends itself, as by kill -9, before it writes its third message.
-BAG = "bag rec --out new"
-BAG_DIES = (
-    """
-import os, signal
-from rosbags.rosbag2 import Writer
-real, left = Writer.write, [3]
-def write(*arguments):
-    left[0] -= 1
-    left[0] or os.kill(os.getpid(), signal.SIGKILL)
-    real(*arguments)
-Writer.write = write
 """
     + CLI
 )
@@ -211,16 +196,6 @@ def test_a_rendering_that_is_killed_goes_on_to_the_same_files(folder, moment):
     assert one == other
 
 
-def test_what_a_killed_bag_has_begun_goes_with_the_next_one(folder):
-    pytest.importorskip("rosbags", reason="extra ros is not installed")
-    before = names()
-    with started(BAG, BAG_DIES) as process:
-        assert ended(process)[0] == -signal.SIGKILL
-    assert not Path("new").exists()
-    assert run(BAG) == 0
-    assert names() == before | {"new"}
-
-
 # --- two commands with one output
 
 
@@ -283,17 +258,6 @@ def test_a_full_disk_costs_one_line_and_leaves_nothing_unfinished(folder, line, 
     assert err[0].endswith(f"{message}: {FULL}\n")
     assert names() - {"out.partial"} == before
     assert line != RENDER or run(line) == 0
-
-
-@pytest.mark.heavy
-def test_a_sweep_on_a_full_disk_keeps_its_runs(folder):
-    with started_on_a_full_disk(SWEEP, 2_500) as process:
-        code, (line,) = ended(process)
-    assert code == 2
-    assert f"new/figure.png: {FULL}; 2 of 2 runs are kept in new" in line
-    assert {path.name for path in Path("new").iterdir()} == {"manifest.json", "runs.jsonl"}
-    assert run(SWEEP) == 0
-    assert {path.name for path in Path("new").iterdir()} > {"table.csv", "figure.png"}
 
 
 def test_a_film_that_the_disk_or_a_signal_ends_does_not_appear(tmp_path, monkeypatch):

@@ -1,7 +1,11 @@
 """The hand and forearm: closed-form capsules against marching along the ray, and what they hide."""
 
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
+from cases import cases
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.hand import (
@@ -18,6 +22,7 @@ from trinolab.bench.motion import random_pose, smooth_motion
 from trinolab.bench.optics import Bench, background
 from trinolab.bench.scene import radiance
 from trinolab.datasets import load_handle, paper_rig
+from trinolab.handle import on_cylinder
 
 PAPER = load_handle("paper")
 RIG = paper_rig(40.0)
@@ -71,26 +76,26 @@ def marched(distance, directions):
     return np.where(gap < 1e-3, depth, np.inf)  # mm; it creeps where a ray grazes
 
 
+def to_capsules(solids, origin):
+    """The distance to the nearest capsule of points seen from an origin."""
+    return lambda points: capsule_distances(solids, origin + points).min(axis=0)
+
+
 def seen(camera, T, arm, uv):
     """What the rays through pixels see, 'none', 'skin' or 'body', by marching against all solids at
     once.
     """
-    solids, T_handle_cam = capsules(arm, PAPER, T), (camera.T_cam_world * T).inv()
-    rays = camera.rays(uv)
-
-    def to_skin(points):
-        return capsule_distances(solids, camera.centre + points).min(axis=0)
+    T_handle_cam = (camera.T_cam_world * T).inv()
+    rays, to_skin = camera.rays(uv), to_capsules(capsules(arm, PAPER, T), camera.centre)
 
     def to_body(points):
-        return body_distance(
-            PAPER, T_handle_cam.apply(camera.T_cam_world.apply(camera.centre + points))
-        )
+        local = camera.T_cam_world.apply(camera.centre + points)
+        return body_distance(PAPER, T_handle_cam.apply(local))
 
     depth = marched(lambda points: np.minimum(to_skin(points), to_body(points)), rays)
     points = np.minimum(depth, 5000)[:, None] * rays
-    return np.where(
-        np.isinf(depth), "none", np.where(to_skin(points) < to_body(points), "skin", "body")
-    )
+    nearer = np.where(to_skin(points) < to_body(points), "skin", "body")
+    return np.where(np.isinf(depth), "none", nearer)
 
 
 # --- capsules
@@ -103,12 +108,7 @@ def test_rays_meet_capsules_where_marching_does():
     solids = Capsules(starts, starts + rng.uniform(-90, 90, (6, 3)), rng.uniform(5, 25, 6))
     rays = np.column_stack([rng.uniform(-0.3, 0.3, (3000, 2)), np.ones(3000)])
     length = np.linalg.norm(rays, axis=1)
-    expected = (
-        marched(
-            lambda points: capsule_distances(solids, points).min(axis=0), rays / length[:, None]
-        )
-        / length
-    )
+    expected = marched(to_capsules(solids, np.zeros(3)), rays / length[:, None]) / length
     hits = cast_capsules(solids, rays.T)
     both = np.isfinite(hits.depths) & np.isfinite(expected)
     assert (np.isfinite(hits.depths) != np.isfinite(expected)).sum() <= 2  # rays that graze
@@ -192,31 +192,26 @@ def test_skin_is_lit_like_any_surface():
     """A fingertip that faces the light has the skin's grey, what turns away from it has 1 - shading
     of that.
     """
-    bench = Bench(light=(0, 0, -1), shading=0.4, texture_contrast=0, background_grey=0)
-    skin = radiance(CCD1, PAPER, upright(), bench, plain())
-    skin = skin[
-        (skin != 0) & capsule_region(CCD1, in_camera(CCD1, capsules(plain(), PAPER, upright())))
-    ]
-    assert skin.max() == pytest.approx(SKIN, abs=0.1)
-    dimmed = radiance(
-        CCD1, PAPER, upright(), Bench(light=(0, 0, 1), shading=0.4, background_grey=0), plain()
+    lit, dimmed = (
+        radiance(
+            CCD1, PAPER, upright(), Bench(light=(0, 0, z), shading=0.4, background_grey=0), plain()
+        )
+        for z in (-1, 1)
     )
+    hand = capsule_region(CCD1, in_camera(CCD1, capsules(plain(), PAPER, upright())))
+    assert lit[hand].max() == pytest.approx(SKIN, abs=0.1)
     assert dimmed[1000, 628] == pytest.approx(0.6 * SKIN)
 
 
 def test_the_texture_is_slight_and_moves_with_the_hand():
-    points = np.random.default_rng(5).uniform(-100, 100, (2000, 3))
-    grey = skin_grey(Arm(), points)
+    grey = skin_grey(Arm(), np.random.default_rng(5).uniform(-100, 100, (2000, 3)))
     assert np.abs(grey / 110 - 1).max() <= 0.08
     assert grey.std() > 0.02 * 110
     assert grey.mean() == pytest.approx(110, abs=1)
-    near, far = upright(), upright((20.0, -30, 600))
-    moved = [
-        radiance(CCD1, PAPER, T, Bench(shading=0), Arm())[
-            tuple(CCD1.project(T.apply([[0, -60, 24.0]]))[0].round().astype(int)[::-1])
-        ]
-        for T in (near, far)
-    ]
+    moved = []
+    for T in (upright(), upright((20.0, -30, 600))):
+        u, v = CCD1.project(T.apply([[0, -60, 24.0]]))[0].round().astype(int)
+        moved.append(radiance(CCD1, PAPER, T, Bench(shading=0), Arm())[v, u])
     assert moved[0] == pytest.approx(moved[1], abs=2)  # grey levels; a pixel is 0.2 mm
 
 
@@ -286,24 +281,15 @@ def test_true_visibility_counts_the_share_that_an_arm_hides():
     T, decided = upright(turn_deg=180), []
     for top in (-11.0, -9.5, -8.5):
         arm = Arm(grip_mm=(top - 70, top))
+        solids = capsules(arm, PAPER, T)
         truly = true_visibility(CCD1, PAPER, T, arm)
         assert truly[::2].sum() == 3  # the upper row
         for k in 1 + 2 * np.flatnonzero(true_visibility(CCD1, PAPER, T)[1::2]):
             theta = PAPER.marker_angles[k] + radius * np.cos(phi) / PAPER.radius_mm
-            points = np.column_stack(
-                [
-                    5 * np.sin(theta),
-                    PAPER.marker_centres[k, 1] + radius * np.sin(phi),
-                    5 * np.cos(theta),
-                ]
-            )
+            points = on_cylinder(5.0, theta, PAPER.marker_centres[k, 1] + radius * np.sin(phi))
             world = T.apply(points) - CCD1.centre
             length = np.linalg.norm(world, axis=1)
-            solids = capsules(arm, PAPER, T)
-            depth = marched(
-                lambda p, s=solids: capsule_distances(s, CCD1.centre + p).min(axis=0),
-                world / length[:, None],
-            )
+            depth = marched(to_capsules(solids, CCD1.centre), world / length[:, None])
             share = (depth > length - 1e-3).mean()
             assert abs(share - 0.8) > 0.01
             assert truly[k] == (share > 0.8)
@@ -314,24 +300,10 @@ def test_true_visibility_counts_the_share_that_an_arm_hides():
 # --- bad input
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("grip_mm", (-40, -40)),
-        ("grip_mm", (1, 2, 3)),
-        ("palm_deg", "up"),
-        ("forearm", (0, 0, 0)),
-        ("grey", 0),
-        ("grey", 256),
-        ("texture_contrast", 1.5),
-        ("forearm_length_mm", -1),
-        ("forearm_radius_mm", np.nan),
-        ("hides_from", (1, 2)),
-    ],
-)
-def test_a_bad_arm_names_its_field(field, value):
-    with pytest.raises(ValueError, match=f"^{field}: expected"):
-        Arm(**{field: value})
+@pytest.mark.parametrize(("row", "said"), cases(Path(__file__).with_name("wrong.txt"), "Arm"))
+def test_a_bad_arm_names_its_field(row, said):
+    with pytest.raises(ValueError, match=f"^{row.split()[0]}: {said}"):
+        Arm(**tomllib.loads(row))
 
 
 def test_a_grip_may_be_given_either_way_round():

@@ -2,8 +2,12 @@
 formulas.
 """
 
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
+from cases import cases
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.motion import human_motion, motion_at, random_pose, smooth_motion
@@ -49,26 +53,23 @@ def test_asked_for_speeds_are_kept():
     np.testing.assert_allclose(still, np.broadcast_to(still[0], still.shape), atol=1e-12)  # mm
 
 
-def test_the_motion_stays_in_the_workspace_and_uses_it():
-    poses = [smooth_motion(rng(seed), 20, 30) for seed in range(10)]
-    position = np.concatenate([T.translation for T in poses])
-    assert (position >= LIMITS[:, 0] - 1e-9).all()
-    assert (position <= LIMITS[:, 1] + 1e-9).all()
-    assert (np.ptp(position, axis=0) > 0.9 * np.ptp(LIMITS, axis=1)).all()
+@pytest.mark.parametrize(
+    "ranges",
+    [
+        {"x_mm": (-90, 90), "y_mm": (-60, 60), "z_mm": (520, 620), "tilt_deg": (60, 120)},
+        {"x_mm": (5, 6), "y_mm": (-10, 10), "z_mm": (700, 710), "tilt_deg": (80, 85)},
+    ],
+)
+def test_the_motion_stays_in_its_ranges_and_uses_them(ranges):
+    options = {} if ranges["x_mm"] == (-90, 90) else ranges  # of the standard scene
+    poses = [smooth_motion(rng(seed), 20, 30, **options) for seed in range(10)]
     tilt = np.concatenate([tilts_deg(T) for T in poses])
-    assert 60 - 1e-9 <= tilt.min() < 85
-    assert 95 < tilt.max() <= 120 + 1e-9
-
-
-def test_other_ranges_hold_too():
-    poses = smooth_motion(
-        rng(2), 20, 30, x_mm=(5, 5), y_mm=(-10, 10), z_mm=(700, 710), tilt_deg=(80, 85)
-    )
-    position = poses.translation
-    np.testing.assert_allclose(position[:, 0], 5, atol=1e-12)  # mm
-    assert np.abs(position[:, 1]).max() <= 10
-    assert (np.abs(position[:, 2] - 705) <= 5 + 1e-9).all()
-    assert (np.abs(tilts_deg(poses) - 82.5) <= 2.5 + 1e-9).all()
+    found = np.column_stack([np.concatenate([T.translation for T in poses]), tilt])
+    low, high = np.array(list(ranges.values())).T
+    assert (found >= low - 1e-9).all()
+    assert (found <= high + 1e-9).all()
+    assert (np.ptp(found[:, :3], axis=0) > 0.9 * (high - low)[:3]).all()
+    assert np.ptp(tilt) > 0.2 * (high - low)[3]
 
 
 @pytest.mark.parametrize("rest_s", [None, (0.5, 0.9)], ids=["moving", "with a rest"])
@@ -128,30 +129,31 @@ def test_one_seed_is_one_motion_at_any_times():
     assert np.abs(other.translation - even.translation).max() > 10
 
 
-OUTSIDE = RigidTransform.from_components([0, 0, 700], Rotation.from_euler("x", np.pi))
+@pytest.mark.parametrize(("row", "said"), cases(Path(__file__).with_name("wrong.txt"), "motion"))
+def test_a_bad_argument_is_named(row, said):
+    with pytest.raises(ValueError, match=said):
+        motion_at(**{"rng": rng(), "times_s": [0.0], **tomllib.loads(row)})
+
+
+UP = Rotation.from_euler("x", 180, degrees=True)
+OUTSIDE = RigidTransform.from_components([0, 0, 700], UP)
 END_ON = RigidTransform.from_components([0, 0, 570], Rotation.from_euler("x", np.pi / 2))
 
 
 @pytest.mark.parametrize(
-    ("name", "call"),
+    ("arguments", "said"),
     [
-        ("rng", lambda: smooth_motion(5, 1, 30)),
-        ("fps", lambda: smooth_motion(rng(), 1, 0)),
-        ("duration_s", lambda: smooth_motion(rng(), 0.001, 30)),
-        ("start: expected x, y, z", lambda: smooth_motion(rng(), 1, 30, OUTSIDE)),
-        ("start: expected x, y", lambda: smooth_motion(rng(), 1, 30, END_ON)),
-        ("start: expected one", lambda: smooth_motion(rng(), 1, 30, smooth_motion(rng(), 1, 30))),
-        ("times_s", lambda: motion_at(rng(), [0.0, np.nan])),
-        ("rest_s", lambda: motion_at(rng(), [0.0], rest_s=(1,))),
-        ("speed_mm_s", lambda: motion_at(rng(), [0.0], speed_mm_s=-1)),
-        ("turn_deg_s", lambda: motion_at(rng(), [0.0], turn_deg_s=np.inf)),
-        ("x_mm, y_mm", lambda: motion_at(rng(), [0.0], tilt_deg=(1, 2, 3))),
-        ("times_s", lambda: human_motion(rng(5), [-1.0, 2.0])),
+        ((1, 0), "fps"),
+        ((0.001, 30), "duration_s"),
+        ((1, 30, OUTSIDE), "start: expected x, y, z"),
+        ((1, 30, END_ON), "start: expected x, y"),
     ],
 )
-def test_bad_arguments_are_named(name, call):
-    with pytest.raises(ValueError, match=name):
-        call()
+def test_a_clip_that_cannot_be_is_named(arguments, said):
+    with pytest.raises(ValueError, match=said):
+        smooth_motion(rng(), *arguments)
+    with pytest.raises(ValueError, match="times_s"):
+        human_motion(rng(5), [-1.0, 2.0])
 
 
 # --- a person's pace

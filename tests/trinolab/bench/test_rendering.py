@@ -2,8 +2,6 @@
 
 import json
 import multiprocessing
-import os
-import signal
 from dataclasses import replace
 
 import cv2
@@ -11,7 +9,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from healthy import run
-from processes import CLI, GATE, started, wait_until
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.bench import rendering, scenario
@@ -19,38 +16,15 @@ from trinolab.bench.hand import true_visibility
 from trinolab.bench.rendering import made_from, render, scripted, write_recording
 from trinolab.bench.scenario import COVERED, seen_markers, take
 from trinolab.bench.scene import scaled
-from trinolab.datasets import load_handle, load_real_sets, load_rig, real_set
-from trinolab.files.fetch import why_not
+from trinolab.datasets import load_handle, load_rig
 from trinolab.files.poses import read_poses, transforms, truth_table, write_poses
 from trinolab.files.recording import instants, open_folder, read_timestamps
 from trinolab.files.rigs import write_handle, write_rig
-from workbench.studies.real_recordings import at_times, before_the_cameras, load_trajectories
 
 CODED = load_handle("coded")
 SMALL = replace(
     load_rig("raised_40deg"),
     cameras=tuple(scaled(camera, 0.125) for camera in load_rig("raised_40deg").cameras),
-)
-# Renders six instants, then waits for the gate before each image; an interruption, which waits for
-# what is being rendered, opens it.
-WAITS = (
-    f"""
-import time
-from pathlib import Path
-from trinolab.bench import rendering
-real = rendering.take
-def take(job, frame, camera):
-    while frame >= 6 and not Path({GATE!r}).exists():
-        time.sleep(0.01)
-    return real(job, frame, camera)
-rendering.take = take
-real_shutdown = rendering.ProcessPoolExecutor.shutdown
-def shutdown(*pool, **options):
-    Path({GATE!r}).touch()
-    real_shutdown(*pool, **options)
-rendering.ProcessPoolExecutor.shutdown = shutdown
-"""
-    + CLI
 )
 RENDER = "render --rig rig.toml --handle handle.toml --motion hard --seed 3 --out out --seconds 0.2"
 
@@ -194,32 +168,6 @@ def test_interrupted_and_run_again_it_goes_on_to_identical_files(folder, monkeyp
     assert contents(folder / "out") == contents(folder / "whole")
 
 
-@pytest.mark.heavy
-def test_stopped_from_a_terminal_it_goes_on_and_leaves_no_process(folder):
-    line = RENDER.replace("0.2", "0.4")  # twelve instants: enough for two processes
-    with started(line, WAITS, start_new_session=True) as process:
-        wait_until(
-            lambda: len(list(folder.glob("out.partial/images/ccd3/[0-9]*.png"))) == 6, process
-        )
-        os.killpg(process.pid, signal.SIGINT)  # the workers are sent it, too
-        said = process.stderr.read()
-    assert (process.returncode, said.count("\n")) == (130, 1)
-    wait_until(lambda: is_gone(process.pid))  # its workers end with their parent
-    assert (folder / "out.partial").is_dir()
-    assert run(line) == 0
-    rendered("whole", seconds=0.4)
-    assert contents(folder / "out") == contents(folder / "whole")
-
-
-def is_gone(group):
-    """Whether no process of a group is left."""
-    try:
-        os.killpg(group, 0)
-    except ProcessLookupError:
-        return True
-    return False
-
-
 @pytest.mark.skipif(
     "fork" not in multiprocessing.get_all_start_methods(), reason="processes cannot be copied here"
 )
@@ -288,20 +236,6 @@ def test_a_files_own_times_are_kept(folder):
     write_poses(table, "path.csv")
     np.testing.assert_allclose(rendered("out", "path.csv", None)["t_s"], [1.0, 1.5, 1.7])
     assert len(rendered("short", "path.csv", 0.6)) == 2
-
-
-@pytest.mark.skipif(
-    real_set("trajectories") is None,
-    reason=f"no trajectories: {why_not(load_real_sets()['trajectories'])}",
-)
-def test_a_real_trajectory_can_be_followed(folder):
-    every = np.arange(4, 28, 4.0)
-    path = at_times(before_the_cameras(load_trajectories()), every)
-    write_poses(truth_table(path).assign(t_s=every), "path.csv")
-    truth = rendered("out", "path.csv", None)
-    # mm; nine digits
-    np.testing.assert_allclose(transforms(truth).as_matrix(), path.as_matrix(), atol=1e-5)
-    assert 0 < (truth["markers"] > 0).sum() < len(truth)  # it goes further than the images
 
 
 # --- what is wrong: test_faults; a full disk: test_stopped
