@@ -4,16 +4,20 @@ A reader of users' files takes one or refuses it, by a ValueError of one line th
 else may happen.
 """
 
+import io
 import json
 import os
 import re
+import shutil
 import tempfile
 import warnings
 from collections import Counter
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import cv2
 import numpy as np
+from healthy import BOARDS, CAPTURE, EVALUATE, FOLLOW, MEASURE, TRACK, VIDEOS, run
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
@@ -25,6 +29,8 @@ from trinolab.files.recording import read_timestamps
 from trinolab.files.recording_writer import read_manifest
 from trinolab.files.rigs import read_handle, read_rig, rig_text
 from trinolab.pose import LOST, Pose
+
+IMAGE = "rec/images/ccd1/000001.png"
 
 # --- the readers, each with what is done at once to what it takes
 
@@ -150,11 +156,12 @@ def other_words(draw, seed):
 
 @st.composite
 def other_bytes(draw, seed):
-    """A file with up to four stretches replaced, or cut off."""
+    """A file with up to four stretches replaced, repeated or cut off."""
     for _ in range(draw(st.integers(1, 4))):
         start = draw(st.integers(0, len(seed)))
         stop = start + draw(st.integers(0, 30) | st.just(len(seed)))
-        seed = seed[:start] + draw(st.binary(max_size=25)) + seed[stop:]
+        again = seed[start : start + 25] * draw(st.sampled_from([0, 0, 0, 10, 100_000]))
+        seed = seed[:start] + draw(st.binary(max_size=25)) + again + seed[stop:]
     return seed
 
 
@@ -166,22 +173,71 @@ def kinds(name):
     return ["bytes"] if name == "image" else list(WAYS)
 
 
-def fuzz(name, kind, count):
-    """How many files were taken, and how many refused, of `count` that were tried. Raises what is a
-    finding.
-    """
-    counts = Counter()
-
-    @settings(
+def repeated(count):
+    return settings(
         max_examples=count,
         database=None,
         deadline=None,
         phases=[Phase.generate, Phase.shrink],
         suppress_health_check=list(HealthCheck),
     )
+
+
+def fuzz(name, kind, count):
+    """How many files were taken, and how many refused, of `count` that were tried. Raises what is a
+    finding.
+    """
+    counts = Counter()
+
+    @repeated(count)
     @given(st.sampled_from(SEEDS[name]).flatmap(WAYS[kind]))
     def attempt(content):
         counts["taken" if refusal(name, content) is None else "refused"] += 1
 
     attempt()
     return counts
+
+
+# --- whole commands
+
+# each with the files that it reads
+READ = {
+    EVALUATE: "found.csv truth.csv handle.toml",
+    MEASURE: f"rig.toml handle.toml {IMAGE}",
+    TRACK: f"rec/rig.toml rec/handle.toml rec/timestamps.csv {IMAGE}",
+    VIDEOS: "ccd1.mkv ccd2.mkv",
+    CAPTURE: "ccd1.mkv rig.toml",
+    FOLLOW: "path.csv rig.toml handle.toml",
+    BOARDS: "a/02.png b/03.png",
+    "track bag --out poses.csv": "bag/metadata.yaml bag/bag.mcap",
+}
+PLACES = [(line, file) for line, files in READ.items() for file in files.split()]
+
+
+def fuzz_commands(healthy, work, count):
+    """The exit codes of commands that were run in the folder `work`, the working folder, each on a
+    copy of the healthy files of which one is wrong. Raises what is a finding: an exception, or another
+    answer than one line of what is wrong.
+    """
+    codes = Counter()
+
+    @repeated(count)
+    @given(st.data(), st.sampled_from(PLACES))
+    def attempt(data, place):
+        line, file = place
+        for name in work.iterdir():
+            shutil.rmtree(name) if name.is_dir() else name.unlink()
+        shutil.copytree(healthy, work, dirs_exist_ok=True)
+        content = (work / file).read_bytes()
+        (work / file).write_bytes(data.draw(other_bytes(content) | other_words(content)))
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as said:
+            code = run(line)
+        codes[code] += 1
+        last = said.getvalue().splitlines()[-1:]
+        assert code in (0, 1) or last[0].startswith(f"trinolab {line.split()[0]}: "), (
+            said.getvalue()
+        )
+        assert "not enough memory" not in said.getvalue(), said.getvalue()
+
+    attempt()
+    return codes

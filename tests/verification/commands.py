@@ -1,49 +1,41 @@
 """Whole commands on wrong files, with 2 GB of memory: an answer, or one line of what is wrong."""
 
+import resource
 import tempfile
-from collections import Counter
 from contextlib import chdir
 from pathlib import Path
 
-import numpy as np
-from commandfuzz import MIB, attempts, finding, make_bag
-from healthy import make_healthy
-from tqdm import tqdm
+from fuzzing import fuzz_commands
+from healthy import make_healthy, run
 
 COUNT = 3  # instants of the recording
-SEED = 1
+MOST = 2 << 30  # bytes that a command may have
 
 
 def report(arguments) -> bool:
     """Whether nothing was found."""
+    print(f"{arguments.commands} commands with 2 GB of memory, on files of which one is wrong")
+    limits = resource.getrlimit(resource.RLIMIT_AS)
     with tempfile.TemporaryDirectory() as name, chdir(name):
-        root = Path(name)
-        healthy = root / "healthy"
-        healthy.mkdir()
-        make_healthy(healthy, COUNT)
-        with chdir(healthy):
-            make_bag(healthy)
-        return not _attempts(root, healthy, arguments.commands)
-
-
-def _attempts(root: Path, healthy: Path, count: int) -> int:
-    """Print what commands did on files of which one is wrong; the number of findings."""
-    print(f"{count} commands with 2 GB of memory, on files of which one is wrong (seed {SEED})")
-    codes: Counter = Counter()
-    refused, peak, findings = list[float](), 0, 0
-    made = attempts(np.random.default_rng(SEED), healthy, root / "work", count)
-    for attempt in tqdm(made, total=count, leave=False, unit="command"):
-        codes[attempt.ran.code] += 1
-        peak = max(peak, attempt.ran.peak)
-        if attempt.ran.code == 2:
-            refused.append(attempt.ran.seconds)
-        if said := finding(attempt):
-            findings += 1
-            print(f"finding: {attempt.line}: {attempt.file} ({attempt.what}): {said}", flush=True)
-    print(
-        f"answered {codes[0] + codes[1]}, refused {codes[2]}, findings {findings}; "
-        f"at most {peak / MIB:.0f} MB; s of processor time of a refusal: "
-        f"median {np.median(refused):.2f}, longest {np.max(refused):.2f}",
-        flush=True,
-    )
-    return findings
+        work = Path("work").absolute()
+        work.mkdir()
+        make_healthy(Path.cwd() / "healthy", COUNT)
+        with chdir("healthy"):
+            run("bag rec --out bag")
+            (mcap,) = Path("bag").glob("*.mcap")
+            about = Path("bag", "metadata.yaml")
+            about.write_text(about.read_text().replace(mcap.name, "bag.mcap"))
+            mcap.rename("bag/bag.mcap")
+        healthy = Path("healthy").absolute()
+        pages = int(Path("/proc/self/statm").read_text().split()[0])
+        resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MOST, limits[1]))
+        try:
+            with chdir(work):
+                codes = fuzz_commands(healthy, work, arguments.commands)
+        except Exception as error:  # a finding is what this looks for
+            print(f"finding: {type(error).__name__}: {error}", flush=True)
+            return False
+        finally:
+            resource.setrlimit(resource.RLIMIT_AS, limits)
+    print(f"answered {codes[0] + codes[1]}, refused {codes[2]}", flush=True)
+    return True

@@ -102,9 +102,9 @@ NAMED = cases(Path(__file__).with_name("wrong.txt"), "foreign")
 
 @pytest.mark.parametrize(("file", "message"), NAMED)
 def test_what_is_not_read_is_named_in_a_line(file, message, tmp_path):
-    name, _, content = file.partition(": ")
+    name, _, content = file.partition(":")
     path = tmp_path / name
-    path.write_bytes(DEEP.get(name, unescaped(content)).encode("latin-1"))
+    path.write_bytes(DEEP.get(name, unescaped(content.strip())).encode("latin-1"))
     with pytest.raises(ValueError, match=message) as caught:
         read_rig(path)
     assert re.fullmatch(rf"{re.escape(str(path))}: [^\n]+", str(caught.value))

@@ -80,16 +80,11 @@ def test_a_file_by_hand(tmp_path):
 
 def test_round_trip_keeps_every_digit(tmp_path):
     rng = np.random.default_rng(0)
-    cameras = [
-        Camera(
-            f"c{k}",
-            (1280, 1024),
-            np.array([[2956.2067, 0, 627.993], [0, 2940.1, 515.2], [0, 0, 1]]),
-            rng.normal(0, 0.1, 5),
-            RigidTransform.from_components(rng.normal(0, 500, 3), Rotation.random(rng=rng)),
-        )
-        for k in range(4)
-    ]
+    matrix = [[2956.2067, 0, 627.993], [0, 2940.1, 515.2], [0, 0, 1]]
+    cameras = []
+    for k in range(4):
+        T = RigidTransform.from_components(rng.normal(0, 500, 3), Rotation.random(rng=rng))
+        cameras.append(Camera(f"c{k}", (1280, 1024), matrix, rng.normal(0, 0.1, 5), T))
     write_rig(Rig(tuple(cameras)), tmp_path / "rig.toml")
     for a, b in zip(cameras, read_rig(tmp_path / "rig.toml").cameras, strict=True):
         assert (a.name, a.size) == (b.name, b.size)
@@ -150,11 +145,10 @@ def test_a_wrong_file_is_named(tmp_path, content, message):
     assert str(caught.value).startswith(str(path))
 
 
-def test_files_that_cannot_be_read_are_named(tmp_path):
-    for path in (tmp_path / "none.toml", tmp_path):
-        with pytest.raises(ValueError, match="cannot be read") as caught:
-            read_rig(path)
-        assert str(caught.value).startswith(str(path))
+@pytest.mark.parametrize("name", ["none.toml", "."])
+def test_files_that_cannot_be_read_are_named(tmp_path, name):
+    with pytest.raises(ValueError, match=re.escape(f"{tmp_path / name}: cannot be read")):
+        read_rig(tmp_path / name)
 
 
 def known(names=("a", "b"), seed=0):
@@ -171,17 +165,20 @@ def two(covariance=None):
     return Rig(tuple(named), covariance)
 
 
+def tables(path):
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
 def test_the_covariance_beside_a_rig(tmp_path):
-    rig = two(known())
+    rig = two(replace(known(), freedom=2.5))
     write_rig(rig, tmp_path / "rig.toml")
     assert {path.name for path in tmp_path.iterdir()} == {"rig.toml", "rig.covariance.toml"}
-    again = read_rig(tmp_path / "rig.toml")
-    assert again.covariance.names == ("a", "b")
-    np.testing.assert_array_equal(again.covariance.matrix, rig.covariance.matrix)
+    again = read_rig(tmp_path / "rig.toml").covariance
+    assert (again.names, again.freedom) == (("a", "b"), 2.5)
+    np.testing.assert_array_equal(again.matrix, rig.covariance.matrix)
     # what other programs read has cameras alone
-    tables = tomllib.loads((tmp_path / "rig.toml").read_text(encoding="utf-8"))
-    assert set(tables) == {"a", "b"}
-    said = tomllib.loads((tmp_path / "rig.covariance.toml").read_text(encoding="utf-8"))
+    assert set(tables(tmp_path / "rig.toml")) == {"a", "b"}
+    said = tables(tmp_path / "rig.covariance.toml")
     assert said["parameters"][:5] == ["fx", "fy", "cx", "cy", "k1"]
     assert said["units"] == ["px"] * 4 + ["1"] * 5 + ["rad"] * 3 + ["mm"] * 3
 
@@ -189,15 +186,13 @@ def test_the_covariance_beside_a_rig(tmp_path):
 def test_a_rational_lens_and_its_covariance(tmp_path):
     lens = np.array([0.9, 0.11, 1e-3, -2e-3, 0.003, 1.22, 0.32, 0.022])
     first, second = two().cameras
-    n = 18 * 2
-    covariance = RigCovariance(("a", "b"), np.diag(np.arange(1.0, n + 1)))
-    rig = Rig((first, replace(second, distortions=lens)), covariance)
-    write_rig(rig, tmp_path / "rig.toml")
+    covariance = RigCovariance(("a", "b"), np.diag(np.arange(1.0, 37)))
+    write_rig(Rig((first, replace(second, distortions=lens)), covariance), tmp_path / "rig.toml")
     again = read_rig(tmp_path / "rig.toml")
     np.testing.assert_array_equal(again.cameras[1].distortions, lens)
     np.testing.assert_array_equal(again.cameras[0].distortions, [*first.distortions, 0, 0, 0])
     np.testing.assert_array_equal(again.covariance.matrix, covariance.matrix)
-    said = tomllib.loads((tmp_path / "rig.covariance.toml").read_text(encoding="utf-8"))
+    said = tables(tmp_path / "rig.covariance.toml")
     assert said["parameters"][8:12] == ["k3", "k4", "k5", "k6"]
     # a covariance of five coefficients is that of another rig
     write_rig(two(known()), tmp_path / "other.toml")
@@ -218,8 +213,15 @@ def test_a_rig_that_is_known_exactly_says_so_in_its_own_file(tmp_path):
     path = tmp_path / "rig.toml"
     write_rig(two(RigCovariance.exact("ab")), path)
     assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
-    assert tomllib.loads(path.read_text(encoding="utf-8"))["metadata"] == {"exact": True}
+    assert tables(path)["metadata"] == {"exact": True}
     assert read_rig(path).covariance.is_exact
+    path.write_text(rig_text(two()) + '[metadata]\nexact = "very"\n', encoding="utf-8")
+    with pytest.raises(ValueError, match=r"\[metadata\]: exact: expected true or false, got 'very"):
+        read_rig(path)
+    write_rig(two(known()), path)
+    path.write_text(rig_text(two()) + "[metadata]\nexact = true\n", encoding="utf-8")
+    with pytest.raises(ValueError, match="exact cameras have no covariance, but"):
+        read_rig(path)
 
 
 @pytest.mark.parametrize(
@@ -241,24 +243,6 @@ def test_the_reprojection_error_of_a_calibration_is_read(tmp_path, metadata, rep
     assert rig.reprojection_px == reprojection_px
     write_rig(rig, path)
     assert read_rig(path).reprojection_px == reprojection_px
-
-
-def test_a_size_that_is_hardly_known_comes_back(tmp_path):
-    write_rig(two(replace(known(), freedom=2.5)), tmp_path / "rig.toml")
-    assert read_rig(tmp_path / "rig.toml").covariance.freedom == 2.5
-
-
-def test_exact_is_yes_or_no_and_goes_with_no_covariance(tmp_path):
-    path = tmp_path / "rig.toml"
-    path.write_text(rig_text(two()) + '[metadata]\nexact = "very"\n', encoding="utf-8")
-    with pytest.raises(
-        ValueError, match=r"\[metadata\]: exact: expected true or false, got 'very'"
-    ):
-        read_rig(path)
-    write_rig(two(known()), path)
-    path.write_text(rig_text(two()) + "[metadata]\nexact = true\n", encoding="utf-8")
-    with pytest.raises(ValueError, match="exact cameras have no covariance, but"):
-        read_rig(path)
 
 
 ASYMMETRIC = known().matrix + np.eye(30, k=1) * np.sqrt(np.diag(known().matrix))[:, None] * 1e-3
@@ -300,15 +284,11 @@ def test_a_file_of_one_camera_has_one(tmp_path):
 
 
 def test_files_of_rig_and_handle_that_are_exchanged_are_named(tmp_path):
-    handle = data_path("handles", "coded.toml")
-    with pytest.raises(ValueError, match="is a handle's file, expected cameras; likely the files"):
-        read_rig(handle)
     rig = write(tmp_path / "rig.toml", table())
     with pytest.raises(ValueError, match="is a rig's file, expected a handle; likely the files"):
         read_handle(rig)
-    beside = covariance_path(rig)
-    beside.write_text(
-        covariance_text(RigCovariance(("a", "b"), np.zeros((30, 30)))), encoding="utf-8"
-    )
+    with pytest.raises(ValueError, match="is a handle's file, expected cameras; likely the files"):
+        read_rig(data_path("handles", "coded.toml"))
+    covariance_path(rig).write_text(covariance_text(known()), encoding="utf-8")
     with pytest.raises(ValueError, match="is a rig's covariance, expected its cameras"):
-        read_rig(beside)
+        read_rig(covariance_path(rig))
