@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cases import cases
+from marching import body_distance, marched
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.hand import (
@@ -55,25 +56,6 @@ def capsule_distances(solids, points):
             np.linalg.norm(points - start - share[:, None] * (end - start), axis=1) - radius
         )
     return np.array(found)
-
-
-def body_distance(handle, points):
-    """Distance of points of the handle's frame to the body."""
-    x, y, z = points.T
-    middle, half = handle.top_mm - handle.length_mm / 2, handle.length_mm / 2
-    outside = np.stack([np.hypot(x, z) - handle.radius_mm, np.abs(y - middle) - half])
-    return np.hypot(*np.maximum(outside, 0)) + np.minimum(outside.max(axis=0), 0)
-
-
-def marched(distance, directions):
-    """Depth along rays from the origin, of unit length, (n, 3), where `distance(points)` becomes 0;
-    infinity: never.
-    """
-    depth = np.zeros(len(directions))
-    for _ in range(400):
-        gap = distance(depth[:, None] * directions)
-        depth = np.minimum(depth + gap, 5000)
-    return np.where(gap < 1e-3, depth, np.inf)  # mm; it creeps where a ray grazes
 
 
 def to_capsules(solids, origin):

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cases import cases
+from marching import body_distance, marched
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.hand import Arm, true_visibility
@@ -102,7 +103,7 @@ def test_a_marker_centre_is_drawn_where_pencil_and_paper_put_it():
 
 
 @pytest.mark.slow
-def test_hits_agree_with_sphere_tracing():
+def test_hits_agree_with_marching():
     """The first meeting, found by marching along the ray by the distance to the body, from all
     sides and end-on.
     """
@@ -114,13 +115,17 @@ def test_hits_agree_with_sphere_tracing():
         if len(region) == 0:
             continue
         uv = region[rng.integers(len(region), size=100)][:, ::-1] + rng.uniform(-0.5, 0.5, (100, 2))
-        hits = cast(PLAIN, PAPER, T, uv)
-        marched = sphere_traced(PAPER, T, PLAIN.rays(uv))
-        sure = ~np.isnan(marched).any(axis=1) & (hits.labels != EMPTY)
+        hits, rays = cast(PLAIN, PAPER, T, uv), PLAIN.rays(uv)
+        depth = marched(
+            lambda points, T=T: body_distance(PAPER, T.inv().apply(points)), rays, 2000, 1e-9
+        )
         # rays that graze the silhouette
-        assert (np.isnan(marched).any(axis=1) != (hits.labels == EMPTY)).sum() <= 1
-        # mm; marching stops 1e-9 mm away
-        np.testing.assert_allclose(hits.points[sure], marched[sure], atol=1e-3)
+        assert (np.isinf(depth) != (hits.labels == EMPTY)).sum() <= 1
+        sure = np.isfinite(depth) & (hits.labels != EMPTY)
+        met = T.inv().apply(depth[sure, None] * rays[sure])
+        np.testing.assert_allclose(
+            hits.points[sure], met, atol=1e-3
+        )  # mm; marching stops 1e-9 away
         labels.extend(hits.labels)
     assert min(labels.count(part) for part in (EMPTY, SIDE, CAP)) > 10
 
@@ -149,23 +154,6 @@ def test_a_marker_is_met_as_soon_as_its_edge_comes_round_the_side():
         centres = wide.marker_centres[hits.labels[hits.labels >= 0]]
         beyond += np.count_nonzero(~facing(wide, centres, viewpoint))
     assert beyond > 50  # seen, though the marker's centre is on the far side
-
-
-def sphere_traced(handle, T_world_handle, rays):
-    """Points of the handle's frame where world rays from the origin meet the body, NaN for a
-    miss.
-    """
-    origin, directions = T_world_handle.inv().translation, T_world_handle.rotation.inv().apply(rays)
-    depth = np.zeros(len(rays))
-    for _ in range(2000):
-        x, y, z = (origin + depth[:, None] * directions).T
-        ends = np.abs(y - handle.top_mm + handle.length_mm / 2) - handle.length_mm / 2
-        outside = np.stack([np.hypot(x, z) - handle.radius_mm, ends])
-        distance = np.hypot(*np.maximum(outside, 0)) + np.minimum(outside.max(axis=0), 0)
-        depth = np.minimum(depth + distance, 2000)
-    points = origin + depth[:, None] * directions
-    points[distance > 1e-9] = np.nan
-    return points
 
 
 DARK = Bench(shading=0, texture_contrast=0, background_grey=0)  # but for the handle

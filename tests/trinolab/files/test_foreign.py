@@ -16,32 +16,10 @@ LENS = [-0.07, 0.01, 1e-4, -2e-4]
 TURN = Rotation.from_rotvec([0.02, -0.35, 0.01])
 SHIFT_MM = np.array([-100.0, 2.0, 5.0])
 
-CAMERA = f"""size = [640, 480]
-matrix = {K.tolist()}
-distortions = {LENS}
-"""
-SECOND = f"rotation = {TURN.as_rotvec().tolist()}\ntranslation = {SHIFT_MM.tolist()}\n"
-ANIPOSE = (
-    f'[cam_0]\nname = "a"\n{CAMERA}rotation = [0, 0, 0]\ntranslation = [0, 0, 0]\n'
-    f'[cam_1]\nname = "b"\n{CAMERA}{SECOND}'
-)
-ROWS = np.column_stack([TURN.as_matrix(), SHIFT_MM / 1e3]).tolist()
-ONE = f"""  camera_model: pinhole
-  distortion_coeffs: {LENS}
-  distortion_model: radtan
-  intrinsics: [700.0, 702.0, 319.5, 239.5]
-  resolution: [640, 480]
-  rostopic: /cam/image_raw
-"""
-CAMCHAIN = (
-    f"cam0:\n  cam_overlaps: [1]\n{ONE}cam1:\n  T_cn_cnm1:\n"
-    + "".join(f"  - {row}\n" for row in [*ROWS, [0.0, 0.0, 0.0, 1.0]])
-    + ONE
-)
-CALISCOPE = (
-    f"[cameras.0]\nport = 0\n{CAMERA}rotation = [0, 0, 0]\ntranslation = [0, 0, 0]\n"
-    f"[cameras.1]\nport = 1\n{CAMERA}rotation = {TURN.as_matrix().tolist()}\n"
-    f"translation = {(SHIFT_MM / 1e3).tolist()}\n"
+HERE = Path(__file__).parent
+ANIPOSE, CALISCOPE, CAMCHAIN = (
+    (HERE / "examples" / name).read_text()
+    for name in ("anipose.toml", "camera_array.toml", "camchain.yaml")
 )
 
 
@@ -62,7 +40,7 @@ def stored(path, names):
 
 READ = {
     "anipose.toml": ANIPOSE,
-    "zeros.toml": ANIPOSE.replace(str(LENS), str([*LENS, *[0.0] * 10])),
+    "zeros.toml": ANIPOSE.replace("-0.0002]", "-0.0002" + 10 * ", 0.0" + "]"),
     "tables.toml": f'title = "bench"\n{ANIPOSE}[capture]\nfps = 30\n[metadata.board]\nrows = 5\n',
     "utf16.toml": ANIPOSE.encode("utf-16"),
     "camera_array.toml": CALISCOPE,
@@ -97,7 +75,7 @@ DEEP = {
     "fisheye.yaml": CAMCHAIN.replace("radtan", "equidistant"),
     "short.yaml": CAMCHAIN.replace("T_cn_cnm1", "T_cam_imu"),
 }
-NAMED = cases(Path(__file__).with_name("wrong.txt"), "foreign")
+NAMED = cases(HERE / "wrong.txt", "foreign")
 
 
 @pytest.mark.parametrize(("file", "message"), NAMED)

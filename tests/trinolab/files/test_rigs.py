@@ -23,7 +23,8 @@ from trinolab.files.rigs import (
     write_rig,
 )
 
-WRONG = Path(__file__).with_name("wrong.txt")
+HERE = Path(__file__).parent
+WRONG = HERE / "wrong.txt"
 
 
 def table(name="a", **changes):
@@ -43,33 +44,8 @@ def write(path, *tables):
     return path
 
 
-BY_HAND = """
-[cam_0]
-name = "left"
-size = [640, 480]
-matrix = [[800, 0, 300], [0, 700, 250], [0, 0, 1]]
-distortions = [0, 0, 0, 0, 0]
-rotation = [0, 1.5707963267948966, 0]
-translation = [1, 2, 3]
-
-[cam_1]
-name = "a right one"
-size = [640, 480]
-matrix = [[800, 0, 300], [0, 700, 250], [0, 0, 1]]
-distortions = [0.1, 0.2, 0.3, 0.4]
-rotation = [0, 0, 0]
-translation = [0, 0, 90]
-
-[metadata]
-adjusted = false
-error = 0.0
-"""
-
-
-def test_a_file_by_hand(tmp_path):
-    path = tmp_path / "rig.toml"
-    path.write_text(BY_HAND, encoding="utf-8")
-    left, right = read_rig(path).cameras
+def test_a_file_by_hand():
+    left, right = read_rig(HERE / "examples" / "by_hand.toml").cameras
     # in the order of the file, which is the camera axis
     assert (left.name, right.name, left.size) == ("left", "a right one", (640, 480))
     # World to camera: a quarter turn about y carries world z to camera x.
