@@ -110,60 +110,50 @@ def test_a_table_has_so_many_lines_columns_and_cells(tmp_path, text, said):
         read_csv(path)
 
 
-# --- images
-
+# --- images, in a process that loads OpenCV anew
 
 LOADS = """
 import sys
 from pathlib import Path
 import {first}
 from trinolab.files.images import read_grey
-try:
-    read_grey(Path(sys.argv[1]))
-except ValueError as error:
-    print(error)
+for name in sys.argv[1:]:
+    try:
+        read_grey(Path(name))
+    except ValueError as error:
+        print(error)
 """
 
 
-def stating(kind, width, height):
-    """A small image whose header states another size; its body is not even there."""
-    content = bytearray(cv2.imencode(kind, GREY)[1].tobytes())
-    if kind == ".bmp":
-        content[18:26] = width.to_bytes(4, "little") + height.to_bytes(4, "little")
-    elif kind == ".jpg":
-        at = content.index(b"\xff\xc0") + 5
-        content[at : at + 4] = height.to_bytes(2) + width.to_bytes(2)
-    else:
-        return b"P5 %d %d 255\n" % (width, height)
-    return bytes(content)
-
-
-@pytest.mark.parametrize("kind", [".bmp", ".jpg", ".pgm"])
-def test_an_image_is_refused_before_it_is_decoded(tmp_path, kind):
-    """With the limit that `trinolab` gives to OpenCV. Only a process that loads OpenCV anew has it."""
-    path = tmp_path / f"a{kind}"
-    path.write_bytes(stating(kind, 10_000, limits.PIXELS // 10_000 + 1))
-    assert said_by_a_process("trinolab", path) == (
-        f"{path}: expected at most 50 million pixels, got more\n"
+def said_by_a_process(first, folder, contents):
+    """What a process that loads a module first says of images."""
+    for name, content in contents.items():
+        (folder / name).write_bytes(content)
+    environment = {k: v for k, v in os.environ.items() if "MAX_IMAGE" not in k}
+    command = [sys.executable, "-c", LOADS.format(first=first), *contents]
+    done = subprocess.run(
+        command, cwd=folder, env=environment, check=True, capture_output=True, text=True
     )
+    return done.stdout.splitlines()
+
+
+def test_an_image_is_refused_before_it_is_decoded(tmp_path):
+    """With the limit that `trinolab` gives to OpenCV, by small images whose headers state a size; their
+    bodies are not even there.
+    """
+    width, height = 10_000, limits.PIXELS // 10_000 + 1
+    bmp, jpg = (bytearray(cv2.imencode(kind, GREY)[1].tobytes()) for kind in (".bmp", ".jpg"))
+    bmp[18:26] = width.to_bytes(4, "little") + height.to_bytes(4, "little")
+    at = jpg.index(b"\xff\xc0") + 5
+    jpg[at : at + 4] = height.to_bytes(2) + width.to_bytes(2)
+    images = {"a.bmp": bmp, "a.jpg": jpg, "a.pgm": b"P5 %d %d 255\n" % (width, height)}
+    assert said_by_a_process("trinolab", tmp_path, images) == [
+        f"{name}: expected at most 50 million pixels, got more" for name in images
+    ]
 
 
 def test_an_image_is_refused_all_the_same_where_opencv_was_loaded_before(tmp_path):
-    path = tmp_path / "a.png"
-    path.write_bytes(cv2.imencode(".png", np.zeros((5001, 10_000), np.uint8))[1].tobytes())
-    assert said_by_a_process("cv2", path) == (
-        f"{path}: 10000 x 5001 pixels, expected at most 50 million\n"
-    )
-
-
-def said_by_a_process(first, path):
-    """What a process that loads a module first says of an image."""
-    environment = {k: v for k, v in os.environ.items() if "MAX_IMAGE" not in k}
-    code = LOADS.format(first=first)
-    return subprocess.run(
-        [sys.executable, "-c", code, str(path)],
-        env=environment,
-        check=True,
-        capture_output=True,
-        text=True,
-    ).stdout
+    image = cv2.imencode(".png", np.zeros((5001, 10_000), np.uint8))[1].tobytes()
+    assert said_by_a_process("cv2", tmp_path, {"a.png": image}) == [
+        "a.png: 10000 x 5001 pixels, expected at most 50 million"
+    ]

@@ -3,8 +3,6 @@
 import logging
 import os
 import shutil
-import subprocess
-import sys
 from dataclasses import replace
 
 import cv2
@@ -128,27 +126,6 @@ def test_a_value_beyond_the_bits_is_refused(tmp_path):
         pass
 
 
-@pytest.mark.parametrize("setting", ["OPENCV_IPP=disabled", "OPENCV_LOG_LEVEL=VERBOSE"])
-def test_what_opencv_says_of_itself_is_no_damage(setting, tmp_path):
-    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((6, 8), np.uint8))
-    program = (
-        "import logging, sys, pathlib\n"
-        "logging.basicConfig(level=20, stream=sys.stdout)\n"
-        "from trinolab.files.images import read_grey\n"
-        "print(read_grey(pathlib.Path('a.png')).shape)\n"
-    )
-    name, value = setting.split("=")
-    done = subprocess.run(
-        [sys.executable, "-c", program],
-        env={**os.environ, name: value},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    assert done.stdout == "(6, 8)\n"
-
-
 def test_a_conversion_is_said_once_for_all_cameras_whenever_it_begins(folder, rig, caplog):
     first, second = list_instants(folder, rig)
     for path in second.paths:
@@ -238,13 +215,14 @@ def test_what_another_thread_says_meanwhile_is_not_said_of_the_image(
     path, real = tmp_path / "a.png", cv2.imdecode
     cv2.imwrite(str(path), np.zeros((6, 8), np.uint8))
     damage = "libpng warning: IDAT: Too much image data"
+    others = "Malformed HTTP message\n[ INFO:0@0.1] global registry.cpp IPP: disabled\n"
 
     def decode(*arguments):
-        os.write(2, f"Malformed HTTP message\n{damage}\n".encode())
+        os.write(2, f"{others}{damage}\n".encode())
         return real(*arguments)
 
     monkeypatch.setattr(cv2, "imdecode", decode)
     with caplog.at_level("INFO"):
         read_grey(path)
     assert caplog.messages == [f"{path}: may be damaged ({damage})"]
-    assert capfd.readouterr().err.count("Malformed HTTP message\n") == 1
+    assert capfd.readouterr().err == others
