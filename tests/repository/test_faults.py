@@ -186,7 +186,11 @@ def test_what_is_healthy_is_taken(line):
     assert run(line) == 0
 
 
-@pytest.mark.parametrize(("line", "fault", "message"), FAULTS)
+@pytest.mark.parametrize(
+    ("line", "fault", "message"),
+    FAULTS,
+    ids=[f"{line.partition(' ')[0]}: {fault}" for line, fault, _ in FAULTS],
+)
 def test_a_fault_costs_one_line_and_no_file(folder, line, fault, message, capfd, monkeypatch):
     monkeypatch.setattr(scoreboard, "CHECKS", {})  # a mistake is found before anything is computed
     monkeypatch.setattr(engines, "CONNECT_S", 1.0)  # of a cluster that never answers
