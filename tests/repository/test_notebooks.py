@@ -13,7 +13,6 @@ import pytest
 from chapterruns import OTHER_PARAMETERS, SMALL, check_results
 from chapters import LESSONS, NOTEBOOKS
 from executed import as_it_stands
-from films import frames_in
 from nbformat.v4 import new_code_cell
 
 from workbench.pages import build
@@ -22,23 +21,11 @@ from workbench.sweep.jobs import notebook_job, run_whole
 from workbench.sweep.notebook import glued, read_notebook, read_parameters, run_notebook
 from workbench.sweep.outcome import FAILED
 
-# of the films that chapters show
-FILM_FRAMES = {"01_structure": 30, "03_background": 30, "11_master_slave": 225}
 GLUED = {"application/papermill.record/text/plain"}  # what a glued number is stored as
 # figures are made, and not drawn: that takes a quarter of the time
 UNDRAWN = "%config InlineBackend.figure_formats = set()"
 
 each_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-
-
-def pages_with_films(run):
-    """What the cells show that holds a film."""
-    shown = [
-        output.get("data", {}).get("text/html", "")
-        for cell in run.notebook.cells
-        for output in cell.get("outputs", [])
-    ]
-    return [page for page in shown if "<video" in page]
 
 
 def without_figure(run):
@@ -58,13 +45,11 @@ def test_every_chapter_has_an_entry(entries):
 
 
 @each_notebook
-def test_runs_at_its_defaults(path, tmp_path, monkeypatch):
+def test_runs_at_its_defaults(path, monkeypatch):
     monkeypatch.delenv("MPLBACKEND", raising=False)  # figures are shown, as in a build
     run = as_it_stands(path)
     check_results(path.stem, run.results)
     assert without_figure(run) == []
-    frames = [frames_in(page, tmp_path) for page in pages_with_films(run)]
-    assert frames == ([FILM_FRAMES[path.stem]] if path.stem in FILM_FRAMES else [])
 
 
 @cache

@@ -135,23 +135,18 @@ def test_a_bad_argument_is_named(row, said):
         motion_at(**{"rng": rng(), "times_s": [0.0], **tomllib.loads(row)})
 
 
-UP = Rotation.from_euler("x", 180, degrees=True)
-OUTSIDE = RigidTransform.from_components([0, 0, 700], UP)
-END_ON = RigidTransform.from_components([0, 0, 570], Rotation.from_euler("x", np.pi / 2))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
+def test_a_clip_that_cannot_be_is_named():
+    up, end_on = (Rotation.from_euler("x", angle, degrees=True) for angle in (180, 90))
+    outside = RigidTransform.from_components([0, 0, 700], up)
+    lying = RigidTransform.from_components([0, 0, 570], end_on)
+    for arguments, said in (
         ((1, 0), "fps"),
         ((0.001, 30), "duration_s"),
-        ((1, 30, OUTSIDE), "start: expected x, y, z"),
-        ((1, 30, END_ON), "start: expected x, y"),
-    ],
-)
-def test_a_clip_that_cannot_be_is_named(arguments, said):
-    with pytest.raises(ValueError, match=said):
-        smooth_motion(rng(), *arguments)
+        ((1, 30, outside), "start: expected x, y, z"),
+        ((1, 30, lying), "start: expected x, y"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            smooth_motion(rng(), *arguments)
     with pytest.raises(ValueError, match="times_s"):
         human_motion(rng(5), [-1.0, 2.0])
 
