@@ -253,10 +253,13 @@ row = either(st.lists(numbers, max_size=2))
 marks = st.sampled_from(["bright", "dark", "grey", None])
 
 
-@given(st.just("h") | junk, *[anything] * 4, row, either(st.lists(row, max_size=3)), marks)
-def test_a_handle_of_anything_is_refused_or_usable(*fields):
+markers = st.tuples(row, either(st.lists(row, max_size=3)), marks)
+
+
+@given(st.tuples(st.just("h") | junk, *[anything] * 4), markers)
+def test_a_handle_of_anything_is_refused_or_usable(body, markers):
     try:
-        handle = Handle(*fields)
+        handle = Handle(*body, *markers)
     except ValueError:
         return
     assert np.isfinite(handle.marker_centres).all()

@@ -17,10 +17,11 @@ def report(arguments) -> bool:
     print(f"{arguments.commands} commands with 2 GB of memory, on files of which one is wrong")
     limits = resource.getrlimit(resource.RLIMIT_AS)
     with tempfile.TemporaryDirectory() as name, chdir(name):
-        work = Path("work").absolute()
+        work, healthy = Path("work").absolute(), Path("healthy").absolute()
         work.mkdir()
-        make_healthy(Path.cwd() / "healthy", COUNT)
-        with chdir("healthy"):
+        healthy.mkdir()
+        make_healthy(healthy, COUNT)
+        with chdir(healthy):
             run("bag rec --out bag")
             (mcap,) = Path("bag").glob("*.mcap")
             about = Path("bag", "metadata.yaml")
