@@ -1,8 +1,9 @@
 """Whole commands on wrong files, with 2 GB of memory: an answer, or one line of what is wrong."""
 
+import io
 import resource
 import tempfile
-from contextlib import chdir
+from contextlib import chdir, redirect_stdout
 from pathlib import Path
 
 from fuzzing import fuzz_commands
@@ -22,7 +23,8 @@ def report(arguments) -> bool:
         healthy.mkdir()
         make_healthy(healthy, COUNT)
         with chdir(healthy):
-            run("bag rec --out bag")
+            with redirect_stdout(io.StringIO()):
+                run("bag rec --out bag")
             (mcap,) = Path("bag").glob("*.mcap")
             about = Path("bag", "metadata.yaml")
             about.write_text(about.read_text().replace(mcap.name, "bag.mcap"))
