@@ -2,22 +2,14 @@
 
 import clock
 import numpy as np
-from scipy.spatial.transform import RigidTransform, Rotation
 
+from trinolab.bench.motion import human_motion
 from trinolab.slave import control, mapping
 from trinolab.slave.arm import Slave, load_robot
 from trinolab.slave.control import Command, Inverse
 from trinolab.slave.mapping import Sample, State
 
 LIMIT_MS, TICKS = 1.0, 3000
-HANDLE = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_rotvec([0, np.pi / 2, 0]))
-
-
-def moved(t):
-    way = np.array([60 * np.sin(2 * t), 30 * np.sin(3 * t), 30 * np.sin(2.5 * t)])
-    return RigidTransform.from_components(
-        HANDLE.translation + way, Rotation.from_rotvec([0.2 * np.sin(2 * t), 0, 0])
-    )
 
 
 def main() -> int:
@@ -32,9 +24,9 @@ def main() -> int:
         return then, control.leashed(after, inverse.tool(then.q))
 
     times = []
-    for k in range(1, TICKS + 1):
-        t = k * inverse.tick_s
-        state, mapping_ms = clock.timed(mapping.step, state, Sample(t, moved(t), "measured", True))
+    ticks = inverse.tick_s * np.arange(1, TICKS + 1)
+    for t, T in zip(ticks, human_motion(np.random.default_rng(0), ticks), strict=True):
+        state, mapping_ms = clock.timed(mapping.step, state, Sample(t, T, "measured", True))
         last = command
         (command, ref), solving_ms = clock.timed(solved)
         _, servo_ms = clock.timed(slave.advance, last.q, command.q, inverse.tick_s)

@@ -83,15 +83,6 @@ def test_intervals_are_scipys(statistic, a, b, value, expected):
     assert (interval.low, interval.high) == pytest.approx((expected.low, expected.high))
 
 
-def test_rms_is_the_root_of_a_ratio():
-    rng = np.random.default_rng(3)
-    pairs = rng.uniform(1, 2, (50, 2))
-    square, around = claims.estimated(pairs, "ratio")
-    root, interval = claims.estimated(pairs, "rms")
-    assert root**2 == pytest.approx(square)
-    assert (interval.low**2, interval.high**2) == pytest.approx((around.low, around.high))
-
-
 # --- the run
 
 

@@ -2,12 +2,9 @@
 
 from itertools import permutations
 
-import match_rivals as script
 import numpy as np
-import pandas as pd
 import pytest
 
-from trinolab.datasets import load_sweep
 from workbench.studies import match_rivals
 from workbench.studies.match_rivals import Spots
 
@@ -82,37 +79,3 @@ def test_counts_by_hand():
         "missing": 1,
     }
     assert as_set(match_rivals.by_layout(*shot.labels)) == {(2, 1), (3, 0)}
-
-
-def test_a_share_of_nothing_has_an_interval():
-    """Of 300 pairs without a wrong one 1.3 % may be wrong (Wilson, 1.96^2 / (n + 1.96^2))."""
-    of_each = {
-        "given": [100, 200],
-        "missing": [5, 10],
-        "compared": [10, 12],
-        "sum_mm": [1.0, 1.2],
-        "sum_deg": [20.0, 2.0],
-    }
-    draws = pd.DataFrame({"instants": 12, "wrong": 0, "due": 50, "posed": 12, **of_each})
-    row = script.shares(draws)
-    assert (row["given"], row["wrong"], row["missing"], row["draws"]) == (300, 0, 15, 2)
-    assert row["wrong_percent_low"] == 0
-    assert abs(row["wrong_percent_high"] - 100 * 1.96**2 / (300 + 1.96**2)) < 0.01
-    # drawn again, the two are 5, 10 or 5 and 10 of 50 each
-    missing = [row[f"missing_percent{end}"] for end in ("", "_low", "_high")]
-    assert missing == [15, 10, 20]
-    assert [row[f"E_t_mm{end}"] for end in ("", "_low", "_high")] == pytest.approx([0.1] * 3)
-    assert row["angle_deg"] == pytest.approx(1.0)
-
-
-def test_a_third_camera_removes_wrong_pairs_and_the_poses_follow():
-    rows = load_sweep("match_rivals").set_index(["calibration_px", "rule"])
-    assert rows.due.nunique() == 1  # gates and rules differ, the pairs to be found do not
-    for level in (0.0, 0.5):
-        for column in ("wrong_percent", "E_t_mm", "angle_deg"):
-            high = rows.loc[(level, "third view"), f"{column}_high"]
-            assert high < rows.loc[(level, "four constraints"), f"{column}_low"]
-    # half a pixel spoils the line, not the looks
-    exact, half = rows.loc[0.0], rows.loc[0.5]
-    assert half.wrong_percent_low["line"] > exact.wrong_percent_high["line"]
-    assert half.wrong_percent["looks"] < exact.wrong_percent_high["looks"]

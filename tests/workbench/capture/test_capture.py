@@ -1,7 +1,6 @@
 """Recording from cameras: videos in their place, and devices that fail in every way."""
 
 import re
-import shutil
 import signal
 import threading
 from dataclasses import replace
@@ -23,7 +22,7 @@ from trinolab.files.rigs import write_rig
 from workbench import cli
 from workbench.capture import capture as files_capture
 from workbench.capture import devices
-from workbench.capture.capture import Captured, capture, side_by_side, timing
+from workbench.capture.capture import Captured, capture, timing
 from workbench.capture.devices import drain, instants_of, open_source
 
 SIZE = (32, 24)
@@ -242,12 +241,6 @@ def test_a_preview_is_kept_up_to_date_and_small(cameras, tmp_path, monkeypatch):
     shown = [image for image, path in seen if path == tmp_path / "r.partial" / "preview.png"]
     assert len(shown) == 6  # of 75 instants, 4 ms apart, each 13th
     assert shown[0].shape == (24, 64)
-    image = side_by_side(
-        [np.full((1024, 1280), 10, np.uint8), np.full((480, 640), 20, np.uint8)], 640
-    )
-    # 480 high they are 600 and 640 wide; shrunk to 640 together 247 high, 308 and 329 wide
-    assert image.shape == (247, 308 + 329)
-    assert (image[0, 0], image[0, 307], image[0, 308], image[246, 636]) == (10, 10, 20, 20)
 
 
 # --- what is wrong
@@ -255,30 +248,18 @@ def test_a_preview_is_kept_up_to_date_and_small(cameras, tmp_path, monkeypatch):
 
 def test_what_does_not_fit_leaves_no_folder(cameras, folder, images):
     write_video(folder / "small.mkv", images[:, 0, :16])
-    (folder / "text.mkv").write_text("no video")
-    (folder / "full").mkdir()
-    (folder / "full" / "x").touch()
-    (folder / "old.partial").mkdir()
     (folder / "grows.partial").mkdir()
     before = sorted(folder.rglob("*"))
     none = Device(frames=0)
     for change, message in (
-        ({"cameras": {**VIDEOS, "ccd2": "no.mkv"}}, r"ccd2: no\.mkv: no such camera or video"),
-        ({"cameras": {**VIDEOS, "ccd2": "text.mkv"}}, r"text\.mkv: cannot be read as a video"),
         ({"cameras": {**VIDEOS, "ccd2": "small.mkv"}}, "ccd2: 32 x 16 pixels .*expected 32 x 24"),
         ({"cameras": {**VIDEOS, "ccd2": "0"}, "device": none}, "ccd2: delivers no image after 0 "),
-        ({"cameras": {"ccd1": "0.mkv"}}, "ccd2: this camera of the rig is not named"),
         ({"cameras": {**VIDEOS, "ccd3": "0.mkv"}}, "ccd3: a camera"),
         ({"cameras": {"ccd1": "0", "ccd2": "00"}}, "cameras: expected each camera once"),
         ({"cameras": {"a/b": "0"}, "rig": None}, "camera: expected a name"),
-        ({"cameras": {"..": "0"}, "rig": None}, "camera: expected a name"),
         ({"cameras": {}}, "cameras: expected one or more"),
         ({"seconds": 0.0}, "seconds: expected a number"),
         ({"fps": -1.0}, "fps: expected a number"),
-        ({"rig": "no.toml"}, r"no\.toml: cannot be read"),
-        ({"out": "no/r"}, "no such folder to write into"),
-        ({"out": "full"}, "full: exists already"),
-        ({"out": "old"}, r"old\.partial: an unfinished recording"),
         ({"out": "grows"}, r"grows\.partial: another process works on it$"),
     ):
         cameras[0] = change.pop("device", Device())
@@ -318,26 +299,6 @@ def test_what_fails_ends_it_and_whole_instants_are_kept(
     assert not (tmp_path / "r.partial").exists()
 
 
-@pytest.mark.parametrize(
-    ("images", "message"),
-    [
-        (7, r"No space left.*the images of 3 instants are in .*r\.partial"),
-        (0, r"000000\.png: cannot be written \(No space left on device\)$"),
-    ],
-)
-def test_a_full_disk_leaves_images_without_times_or_nothing(
-    cameras, tmp_path, monkeypatch, images, message
-):
-    write = Mock(wraps=Path.write_bytes, side_effect=[DEFAULT] * images + [FULL] * 1000)
-    monkeypatch.setattr(Path, "write_bytes", lambda path, data: write(path, data))
-    no_times = Mock(side_effect=ValueError("No space left on device"))
-    monkeypatch.setattr(recording_writer, "write_whole", no_times)
-    with pytest.raises(ValueError, match=message):
-        capture(TWO, tmp_path / "r")
-    assert len(list(tmp_path.glob("r.partial/images/ccd1/*"))) == images // 2
-    assert (tmp_path / "r.partial").exists() == (images > 0)
-
-
 # --- as a command
 
 
@@ -358,20 +319,6 @@ capture.instants_of = instants_of
 )
 
 
-def test_command_judges_the_timing_of_cameras(cameras, tmp_path, monkeypatch, capfd):
-    monkeypatch.chdir(tmp_path)
-    line = ["capture", "--camera", "ccd1=0", "ccd2=1", "--out", "r", "--seconds", "0.099"]
-    assert cli.main(line) == 0
-    # 2 ms between the grabs, 4 ms between the instants; 300 mm/s times 2 ms, 0.1 mm by 2 ms
-    out = capfd.readouterr().out
-    for words in (
-        "25 instants in 0.10 s (250.0 a second), 0 dropped; cameras within 2.0 ms (median)",
-        "a hand at 300 mm/s moves 0.6 mm, and one at 50 mm/s 0.1 mm: fit for a slow hand",
-        "another 4 ms apart",
-    ):
-        assert words in out
-
-
 @pytest.mark.parametrize(
     ("spread_ms", "said"),
     [
@@ -387,8 +334,6 @@ def test_a_verdict_on_the_timing(spread_ms, said):
     spread[:4] = 9.0  # a few bad instants do not spoil it
     assert said in timing(Captured(Path("r"), times, spread, 0, 3))
     assert timing(Captured(Path("r"), times, spread, 0, 1)) == ""
-    spread[:6] = 9.0
-    assert "fit for a handle at rest" in timing(Captured(Path("r"), times, spread, 0, 2))
 
 
 def test_the_cameras_are_listed(cameras, tmp_path, monkeypatch, capfd):
@@ -409,11 +354,6 @@ def test_the_cameras_are_listed(cameras, tmp_path, monkeypatch, capfd):
     monkeypatch.setattr(devices, "ABOUT", tmp_path / "none")  # another system: all are tried
     monkeypatch.setattr(devices, "open_index", lambda k: cameras.get(k, Closed()))
     assert [(one.number, one.size) for one in devices.list_cameras()] == [(0, SIZE)]
-    monkeypatch.setattr(devices, "ABOUT", tmp_path)
-    for index in (0, 1, 10):
-        shutil.rmtree(tmp_path / f"video{index}")
-    assert cli.main(["capture", "--list"]) == 0
-    assert capfd.readouterr().out.startswith("no camera; a container")
 
 
 def test_a_camera_that_cannot_be_opened_is_answered_by_those_that_are_there(tmp_path, monkeypatch):

@@ -24,7 +24,6 @@ from scipy.spatial.transform import RigidTransform
 from trinolab import __version__
 from trinolab import evaluation as evaluate
 from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.evaluation import TrackQuality, how_long
 from trinolab.files.poses import read_poses, truth_table, write_poses
 from trinolab.files.rigs import write_handle, write_rig
 from workbench import cli
@@ -64,10 +63,8 @@ def folder(tmp_path, monkeypatch):
 # --- what is right
 
 
-def test_measure_says_what_it_converts_and_assumes_and_finds(folder, capfd, caplog):
+def test_measure_says_what_it_assumes_and_finds(folder, capfd, caplog):
     """Frames keep the numbers of their images."""
-    cv2.imwrite("images/ccd1/0.png", np.zeros((*SIZE[::-1], 3), np.uint8))
-    cv2.imwrite("images/ccd2/1.png", np.zeros(SIZE[::-1], np.uint16))
     for path in Path("images").glob("*/?.png"):
         path.rename(path.with_name(f"{int(path.stem) + 20:06d}.png"))
     for name, silent in (
@@ -78,17 +75,13 @@ def test_measure_says_what_it_converts_and_assumes_and_finds(folder, capfd, capl
         Path(f"{name}.toml").write_text(stated.replace(silent, ""), encoding="utf-8")
     with caplog.at_level("INFO", logger="trinolab"):
         assert run(MEASURE) == 0
-    out, err = capfd.readouterr()
-    assert out == (
+    assert capfd.readouterr().out == (
         "2 instants: 2 lost; frames 20 to 21, as the images are called; written to poses.csv\n"
     )
-    assert "%|" not in err  # no progress bar where standard error is no terminal
     assert read_poses("poses.csv")["frame"].tolist() == [20, 21]
     said = (
         "rig.toml: does not say how well the cameras are known",
         "handle.toml: does not say how well the markers are placed",
-        "images/ccd1/000020.png: colour converted to grey",
-        "images/ccd2/000021.png: 16 bit scaled to grey levels 0 to 255",
         "2 of 2 instants have no measured pose; the images are dark",
     )
     assert len(caplog.messages) == len(said)
@@ -101,18 +94,11 @@ def test_evaluate_prints_a_table(folder, capfd, caplog):
     assert run(EVALUATE) == 0
     out = capfd.readouterr().out
     for line in (
-        "measured          3   100.0 %",
-        "errors of 3 poses, up to the handle's symmetry:",
-        "              mean   median      max",
         "E_t          1.000    1.000    2.000 mm    (Eq. 26)",
         "E_alpha      0.000    0.000          deg   (Eq. 27)",
-        "geodesic     0.000    0.000    0.000 deg",
-        "flips             0",
         "far off           0   by more than 2 mm or 5 deg",
-        "losses            0",
     ):
         assert f"{line}\n" in out
-    assert "near gimbal lock: |beta| > 60 deg in 3 of 3, up to 76.8 deg" in out
     assert run("evaluate truth.csv truth.csv --handle paper") == 0
     assert "truth.csv: is given as the poses and as their truth" in caplog.messages
 
@@ -130,27 +116,9 @@ def test_evaluate_tells_how_a_track_was_lost(folder, capfd):
     assert out.endswith(
         "losses            3   back after 3, 1 instants, not back in the last 0 instants\n"
     )
-    assert how_long(TrackQuality(0, 0, (1,) * 8, None)).endswith("1, 1, 1 instants")
-    assert (
-        how_long(TrackQuality(0, 0, (1,) * 9 + (7,), None)).strip()
-        == "back after at most 7 instants"
-    )
     write_poses(truth.assign(status="lost"), "found.csv")
     assert run(EVALUATE) == 0
     assert capfd.readouterr().out.endswith("no pose to compare\n")
-
-
-def test_scoreboard_prints_and_writes(folder, capfd, monkeypatch):
-    monkeypatch.setattr(scoreboard, "CHECKS", dict.fromkeys(scoreboard.CHECKS, lambda: 0.31))
-    run("scoreboard --csv board.csv")
-    lines = capfd.readouterr().out.splitlines()
-    assert lines[0].split() == ["no", "claim", "paper", "ours", "unit", "verdict"]
-    assert lines[1].split()[-4:] == ["0.31", "0.31", "mm", "match"]
-    written = pd.read_csv(folder / "board.csv")
-    assert list(written)[:6] == ["no", "claim", "paper", "ours", "unit", "verdict"]
-    assert len(written) == len(lines) - 1
-    run("scoreboard --essential")
-    assert len(capfd.readouterr().out.splitlines()) == 16
 
 
 @pytest.mark.parametrize(("value", "code"), [(0.312, 0), (0.5, 1)])
@@ -187,22 +155,12 @@ def test_times_that_are_likely_in_ms_are_asked_about(caplog):
         assert caplog.messages.count(said) == asked
 
 
-def test_a_refinement_says_what_holds_its_scale_and_ten_of_the_views_that_were_left_out():
-    def refined(**length):
-        prior = SimpleNamespace(length=SimpleNamespace(**length) if length else None)
-        return SimpleNamespace(prior=prior, start_rig=load_rig("paper_pair"))
-
-    assert "no length was given" in refine.scale(refined())
-    of_cameras = refine.scale(refined(of="cameras", first=0, second=1, mm=99.19))
-    assert of_cameras == "cameras ccd1 and ccd2 are 99.1900 mm apart"
-    of_markers = refine.scale(refined(of="markers", first=0, second=7, mm=20.5))
-    assert of_markers == "markers 0 and 7 are 20.5000 mm apart"
+def test_a_refinement_names_ten_of_the_views_that_were_left_out():
     for count, named, last in ((0, 0, "none"), (10, 10, "9"), (13, 10, "3 more")):
         status = ["left out"] * count + ["used"]
         columns = {"frame": range(count + 1), "camera": "ccd1", "reason": "too far off"}
         views = pd.DataFrame({**columns, "status": status})
         lines = refine.view_lines(SimpleNamespace(views=views))
-        assert lines[0] == f"views left out: {count or 'none'}"
         assert sum(line.endswith(": too far off") for line in lines) == named
         assert last in lines[-1]
 
@@ -292,62 +250,40 @@ def in_one_process(lines):
 SHIPPED = "--rig raised_40deg --handle coded"
 ACCEPT = f"accept {SHIPPED} --out sheet"
 SIMULATION = f"teleop --live-simulation {SHIPPED} --out session"
-TARGET = "calibrate --images a=b c=d --board chessboard --rows 6 --square 25 --out rig.toml"
 PLAIN = {
     # words that are mistyped, with their neighbours
     "trak rec": "argument COMMAND: invalid choice: 'trak', did you mean track?",
-    "xyzzy": "argument COMMAND: invalid choice: 'xyzzy' (choose from render, tr",
     "track rec --out p --overly x": "--overly, did you mean --overlay?; see trinolab track --help",
     "eq 18 19": "unrecognized arguments: 19; see trinolab eq --help",
-    "preflight rec --methd=paper": "unrecognized arguments: --methd; see",
     "kit --handle coded --out k --paper a5": "invalid choice: 'a5' (choose from a4, letter); see",
     # a source is named once
     "measure rec --images i --out p": "--images: not beside a recording folder (rec)",
-    "measure --out p": "expected a recording folder, or else all of --rig, --handle and --images",
-    "track --out p": "expected a recording folder, or else all of --rig, --handle and --video",
-    "refine none --video a=b --out new": "--video: not beside a recording folder (none)",
     "teleop --out o": "RECORDING --live-simulation --task is required",
     "live rec --simulation": "not allowed with argument RECORDING",
     f"{ACCEPT} none --chart c.csv": "chart: expected no recordings beside it",
     # methods
     "measure rec --out p --method outline": "--method: 'outline' is gone, take patches",
-    "track rec --out p --method paper_checked": "is gone, take paper with check=True (--check)",
-    "live rec --method magic": "expected one of paper, reprojection, patches, best, got 'magic'",
     "teleop --out o --task --check": "--check: only the estimator paper has it, got 'patches'",
     # numbers
     f"{ACCEPT} --poses 8193": "poses: expected a number in [8, 8192], got 8193",
-    f"{ACCEPT} --seed -1": "seed: expected a number in [0, 2.14748e+09], got -1",
-    f"{TARGET} --columns 0": "columns: expected a number in [3, 200], got 0",
     "refine none --length 0 1 x --out new": "--length: expected a number of mm, got 'x'",
     f"{SIMULATION} --scale 0": "scale: expected a number above 0, got 0.0",
-    f"{SIMULATION} --turn-scale -1": "turn_scale: expected a number above 0, got -1.0",
     # what belongs together
     f"{SIMULATION} --start elbow": "--start: expected JOINT=RAD, got 'elbow'",
-    "teleop --live-simulation --out session": "--live-simulation: needs --rig and --handle",
     "teleop --task --start elbow=1 --out session": "--task: brings its own start",
-    "teleop --task --clutch c.csv --out session": "--task: brings its own clutch",
     f"teleop --live-simulation {SHIPPED} --out none/session": "no such folder to write into",
     "capture --camera a=0": "the following arguments are required: --out",
     "check 04 --out points.csv": "--out: is of use with --all alone",
-    "check": "expected a chapter, as in 04, or --all with the folder of a class",
-    "check 04 --all answers": "expected a chapter",
 }
 FILES = {
-    "measure nowhere --out p.csv": "nowhere: no such folder",
-    "track none --out poses.csv": "none: no such folder",
-    f"track {'a' * 300} --out p.csv": "File name too long",
     "refine none --out refined": "none: no such folder",
     "preflight none": "none: no such folder",
-    "teleop none --out session": "none: no such folder",
-    "live none": "none: no such folder",
     "bag none --out bag": "none: no such folder",
     # forms that older versions took
     "teleop --recording none --out session": "none: no such folder",
     "live --recording none": "none: no such folder",
     f"{ACCEPT} --recording none": "none: no such folder",
-    f"{ACCEPT} none": "none: no such folder",
     "kit --handle coded --diameter -3 --out kit.pdf": "diameter",
-    "scoreboard --csv none/board.csv": "no such folder",
     "check 4": "expected one file 04*.ipynb or 04*.py, found none",
 }
 

@@ -123,19 +123,6 @@ def test_means_of_gaussian_lengths():
     assert Bound(C).mean_deg == pytest.approx(np.rad2deg(1e-3 * np.sqrt(2 / np.pi)))
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"pixels": "some"}, "pixels: expected one of markers, around"),
-        ({"step_px": 0.0}, "step_px: expected a number"),
-        ({"T_world_handle": None}, "T_world_handle: expected one"),
-    ],
-)
-def test_wrong_arguments_are_named(change, message):
-    with pytest.raises(ValueError, match=message):
-        information(**{"camera": FRONT, "handle": WIDE, "T_world_handle": T, **change})
-
-
 def test_the_shipped_table_has_every_pose_and_a_third_camera_or_more_pixels_take_nothing_away():
     table = load_sweep("bound").set_index(["rig", "pixels", "row"])
     places = product(bound.RIGS, bound.SHIPPED_PIXELS, range(1, 21))
@@ -149,41 +136,6 @@ def test_the_shipped_table_has_every_pose_and_a_third_camera_or_more_pixels_take
 
 
 # --- the parts, quickly: on a few pixels, or without an image
-
-
-def test_steps_move_the_far_end_as_far_as_the_origin():
-    steps = bound.small_steps(0.02, 50.0)
-    np.testing.assert_array_equal(steps[:3, :3], 0.02 * np.eye(3))
-    far = moved(T, steps[5]).apply([[50.0, 0, 0]]) - T.apply([[50.0, 0, 0]])
-    assert not steps[:3, 3:].any()
-    assert np.linalg.norm(far) <= 0.02
-    across = moved(RigidTransform.identity(), steps[5]).apply([[50.0, 0, 0]])
-    assert across[0, 1] == pytest.approx(0.02, rel=1e-6)
-
-
-def test_derivatives_of_a_linear_image_are_its_matrix(monkeypatch):
-    """Whatever the steps."""
-    rng = np.random.default_rng(0)
-    A = rng.normal(size=(4, 5, 6))
-
-    def linear(camera, handle, pose, bench):
-        turn = (pose.rotation * T.rotation.inv()).as_rotvec()
-        return A @ np.concatenate([pose.translation - T.translation, turn])
-
-    monkeypatch.setattr(bound, "expected", linear)
-    chosen = rng.random((4, 5)) < 0.5
-    for step_mm in (1e-3, 0.1):
-        J = bound.derivatives(FRONT, WIDE, T, FLAT, chosen, bound.small_steps(step_mm, 20.0))
-        np.testing.assert_allclose(J, A[chosen], rtol=1e-6, atol=1e-9)
-
-
-def test_an_image_s_derivatives_by_the_greys_are_their_shares(monkeypatch):
-    marker, body = np.random.default_rng(1).random((2, 4, 5))
-    monkeypatch.setattr(
-        bound, "expected", lambda *a: a[3].marker_grey * marker + a[3].body_grey * body + 7.0
-    )
-    found = bound.grey_derivatives(FRONT, WIDE, T, FLAT, np.ones((4, 5), bool))
-    np.testing.assert_allclose(found, np.column_stack([marker.ravel(), body.ravel()]), atol=1e-12)
 
 
 def test_what_is_left_to_know_of_a_pose_is_the_inverse_s_corner():

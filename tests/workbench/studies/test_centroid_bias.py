@@ -18,7 +18,6 @@ from workbench.studies.centroid_bias import (
     centres,
     centroid_errors,
     centroid_report,
-    inward,
     turned_marker,
 )
 
@@ -115,14 +114,3 @@ def test_a_turned_marker_is_where_its_light_is_and_the_detector_finds_it_elsewhe
 
 
 # --- stills
-
-
-QUIET = Bench(shading=0, shot_variance=0, read_noise=0)
-
-
-def test_the_bias_is_inwards_and_grows():
-    slant, shift = (np.ravel(part) for part in inward(10.0, QUIET, np.random.default_rng(0)))
-    by_slant = [shift[np.abs(slant - s) < 3].mean() for s in (10, 50, 70)]
-    assert by_slant == sorted(by_slant)
-    assert 0.1 < by_slant[0] < 0.2  # px; 0.9 sin 10 deg
-    assert inward(10.0, QUIET, np.random.default_rng(0), draws=3)[1].shape == (3, 6)

@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.calibration.target import Board
 from trinolab.datasets import load_handle, load_rig
 from trinolab.handle import slants
 from trinolab.measurement import Measurement
 from trinolab.pose import LOST, Pose
 from trinolab.window import Window
 from workbench.studies import claim_trials
-from workbench.studies.simulated_calibration import bent
 
 PAPER = load_handle("paper")
 T = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_euler("z", 85, degrees=True))
@@ -62,14 +60,3 @@ def test_a_window_that_leaves_out_a_marker_is_the_whole_image():
 
 
 # --- calibrations
-
-
-def test_a_bend_is_a_parabola_along_the_rows():
-    board = Board()
-    points = bent(board, 0.02)
-    height = points[:, 2].reshape(board.rows, board.columns)
-    np.testing.assert_allclose(height[:, [0, -1]], 0.0, atol=1e-15)
-    np.testing.assert_allclose(height[:, 4], 0.02)  # the middle one of nine columns
-    np.testing.assert_allclose(height[:, 2], 0.02 * 0.75)  # half-way: 1 - 1/4
-    np.testing.assert_array_equal(points[:, :2], np.array(board.points)[:, :2])
-    np.testing.assert_array_equal(bent(board, 0.0), board.points)

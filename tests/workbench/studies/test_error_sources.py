@@ -6,16 +6,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.calibration.target import Board
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.pose import rigid_fit
 from trinolab.triangulation import triangulate
-from workbench.paper.errata.pose import one_focal_length, use_of_no_rotation
 from workbench.studies import error_sources as sources
 from workbench.studies.deviations import drawn, exact, first_order
 from workbench.studies.error_sources import make_trial, response, shifted_rig
-from workbench.studies.simulated_calibration import simulated_calibration
 
 RIG, HANDLE, TRUTHS = load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses
 
@@ -23,11 +20,6 @@ RIG, HANDLE, TRUTHS = load_rig("paper_pair"), load_handle("paper"), load_table1(
 @pytest.fixture(scope="module")
 def trial():
     return make_trial(RIG, HANDLE, TRUTHS)
-
-
-@pytest.fixture(scope="module")
-def calibrated():
-    return simulated_calibration(RIG, Board(), 14, np.random.default_rng(0))
 
 
 def fitted(uv, rig=RIG):
@@ -68,7 +60,7 @@ def test_centroid_bias_is_what_the_changed_pixels_do(trial):
     assert source.roots.shape == (20, 6, 0)
 
 
-def test_a_shifted_rig_is_shifted_where_it_says(calibrated):
+def test_a_shifted_rig_is_shifted_where_it_says():
     x = np.arange(1.0, 15.0) * 1e-3
     moved = shifted_rig(RIG, x)
     left, right = moved.cameras
@@ -93,25 +85,6 @@ def test_a_turned_camera_is_turned_in_its_own_frame(trial):
     assert np.abs(expected[:, 2]).min() > 0.5  # mm: the vergence is the depth
 
 
-def test_printed_matrix_and_one_focal_length_cost_what_the_errata_say(trial):
-    """There the set positions are triangulated; here the handle's origin comes from its markers."""
-    for source, effect in (
-        (sources.printed_matrix(trial), use_of_no_rotation()),
-        (sources.one_focal_length(trial), one_focal_length()),
-    ):
-        cost = np.linalg.norm(source.fixed[:, :3], axis=1).mean()
-        assert cost == pytest.approx(effect.printed, rel=0.05)
-
-
-def test_lens_distortion_is_that_of_a_distorting_camera(trial):
-    bent = [replace(c, distortions=np.array([-0.05, 0, 0, 0, 0])) for c in RIG.cameras]
-    uv = np.array([[c.project(T.apply(HANDLE.marker_centres)) for c in bent] for T in TRUTHS])
-    expected = exact([fitted(uv + 0 * trial.uv)], TRUTHS)
-    found = first_order(sources.lens_distortion(trial, -0.05).fixed, TRUTHS)
-    np.testing.assert_allclose(found.position_mm, expected.position_mm[0], atol=1e-9)
-    np.testing.assert_allclose(found.turns_deg, expected.turns_deg[0], atol=1e-7)
-
-
 def test_markers_beside_their_places():
     """One marker is moved along the axis, one around it; the rest of the handle stays."""
     few, truths = make_trial(RIG, HANDLE, TRUTHS[3::4]), TRUTHS[3::4]
@@ -125,18 +98,6 @@ def test_markers_beside_their_places():
     )
     np.testing.assert_allclose(source.roots @ z, response(few, uv + 0 * few.uv), atol=2e-4)
     assert np.abs(source.roots @ z).max() > 0.05
-
-
-def test_platform_and_digits_are_uniform_errors(trial):
-    rng = np.random.default_rng(0)
-    tables = drawn(sources.platform(trial, 0.02), 2000, rng)
-    np.testing.assert_allclose(tables[..., :3].std(axis=(0, 1)), 0.02 / np.sqrt(3), rtol=0.03)
-    assert not tables[..., 3:].any()
-    digits = first_order(drawn(sources.printed_digits(trial), 2000, rng), TRUTHS)
-    rounding = rng.uniform(-0.05, 0.05, (2, 100_000))  # of a measured and a set angle
-    sigma = (rounding[0] - rounding[1]).std()
-    np.testing.assert_allclose(digits.angles_deg.std(axis=(0, 1)), sigma, rtol=0.03)
-    np.testing.assert_allclose(digits.position_mm.std(axis=(0, 1)), sigma / 10, rtol=0.03)
 
 
 def test_a_handle_set_askew_and_a_turned_reference_turn_poses_and_move_none(trial):

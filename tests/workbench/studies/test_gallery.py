@@ -107,13 +107,6 @@ def test_another_vergence_turns_both_cameras_alike_where_they_stand(vergence_deg
         np.testing.assert_allclose(after.centre, before.centre, atol=1e-12)
 
 
-def test_a_rig_that_cannot_be_is_refused():
-    with pytest.raises(ValueError, match="baseline_mm"):
-        with_baseline(PAIR, 0.0)
-    with pytest.raises(ValueError, match="vergence_deg"):
-        with_vergence(PAIR, 91.0)
-
-
 def test_a_step_of_the_light_is_false_as_printed_and_cured(monkeypatch):
     """A bright square on an empty scene: inside and outside without a seam."""
     inside = np.zeros((40, 60), bool)

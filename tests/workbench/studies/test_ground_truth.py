@@ -4,7 +4,6 @@ own.
 
 from dataclasses import replace
 
-import cv2
 import numpy as np
 import pandas as pd
 import pytest
@@ -68,22 +67,6 @@ def test_the_truth_is_that_of_the_folder(hard):
         assert [image.shape for image in now.images] == [(256, 320)] * 3
     assert np.array_equal(hard.times_s, [now.t_s for now in hard.instants])
     assert hard.poses[3] is hard.instants[3].T_world_handle
-
-
-def test_images_are_those_of_the_folder(hard):
-    folder = standard_recording("hard", seconds=0.2)
-
-    def read(path):
-        return cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-
-    for camera, name in enumerate(hard.rig.names):
-        film = [read(path) for path in sorted(folder.glob(f"images/{name}/*.png"))]
-        np.testing.assert_array_equal(hard.images_of(camera), film)
-        np.testing.assert_array_equal(
-            hard.empty[camera], read(folder / "background" / f"{name}.png")
-        )
-    u, v = np.rint(exactly(hard, hard.instants[0], 0)).astype(int).T
-    assert hard.instants[0].images[0][v, u].max() > 120  # markers are there
 
 
 def test_every_few_rows_and_columns_are_cameras_of_as_many_pixels(hard):

@@ -4,32 +4,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from trinolab.datasets import load_rig, load_sweep
+from trinolab.datasets import load_rig
 from workbench.studies.instant_times import (
-    FILMS,
-    IN_CHAPTER,
-    KEYS,
     Film,
     fast,
     film_rows,
     followed,
-    job_of,
 )
 
 # --- the films
-
-
-def test_the_silent_rig_has_lenses_with_distortion_and_says_nothing():
-    silent, calm = (job_of(Film(motion, 10.0, 0, 40)) for motion in ("silent", "calm"))
-    assert silent.rig.covariance is None
-    assert calm.rig.covariance is not None
-    corner = [[0.0, 0.0]]
-    for bent, straight in zip(silent.rig.cameras, calm.rig.cameras, strict=True):
-        off = bent.ideal_pixels(corner) - straight.ideal_pixels(corner)
-        assert 8 < np.linalg.norm(off) < 16
-    np.testing.assert_array_equal(
-        silent.shots[-1].T_world_handle.as_matrix(), calm.shots[-1].T_world_handle.as_matrix()
-    )
 
 
 def test_velocities_of_the_fast_hand_are_its_poses_differences():
@@ -88,13 +71,3 @@ def test_a_film_has_times_errors_share_and_nees_with_intervals():
     for name in ("ratio_median", "ratio_99", "measured", "mean_mm", "rms_mm", "nees"):
         assert film[f"{name}_low"] < film[name] < film[f"{name}_high"] + 1e-5
     assert both["n"] == 120
-
-
-def test_the_shipped_tables_are_those_of_the_films():
-    table = load_sweep("instant_times")
-    wanted = [(*film[:3], frame) for film in IN_CHAPTER for frame in range(film.instants)]
-    assert list(table[KEYS].itertuples(index=False, name=None)) == wanted
-    assert (table[["blobs_ms", "before", "after"]] > 0).all(axis=None)
-    of_films = load_sweep("instant_films")
-    assert of_films["motion"].tolist() == [*(film.motion for film in FILMS), "all"]
-    assert of_films["n"].iloc[:-1].sum() == of_films["n"].iloc[-1]

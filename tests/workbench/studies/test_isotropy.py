@@ -8,7 +8,6 @@ from scipy.linalg import block_diag
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.triangulation import triangulate
 from workbench.studies import isotropy
-from workbench.studies.error_sources import make_trial, pixel_noise
 from workbench.studies.pattern import rigid_field
 
 TABLE = load_table1()
@@ -26,15 +25,6 @@ def test_mauchly_by_hand():
     W = 1 * 1 * 9 / (11 / 3) ** 3
     expected = stats.chi2.sf(-(5 - 23 / 18) * np.log(W), 5)
     assert isotropy.mauchly(axes * [1, 1, 3]) == pytest.approx(expected)
-
-
-def test_a_source_and_a_rod_of_one_point_agree_with_their_roots():
-    """The paper's pose has the covariance of its source's roots, and is no better than least squares."""
-    source = pixel_noise(make_trial(RIG, load_handle("paper"), TABLE.set_poses), 1.0)
-    of_paper = isotropy.of_source(source)
-    drawn = np.einsum("iq,jq->ij", source.roots[3, :3], source.roots[3, :3])
-    assert of_paper[3] == pytest.approx(drawn)
-    assert (np.trace(of_paper, axis1=1, axis2=2) >= np.trace(OF_ROD, axis1=1, axis2=2)).all()
 
 
 def test_a_pixel_is_long_in_depth():

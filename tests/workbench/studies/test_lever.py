@@ -53,29 +53,6 @@ def test_table_1_has_no_lever():
     assert found.p == pytest.approx(0.9989, abs=1e-4)
 
 
-def test_a_lever_that_is_there_is_found_at_its_place():
-    field = lever_field(TURNS, TRUTHS.rotation)
-    made = OFF + field @ [2.0, 60.0, -5.0]
-    parts = {"registration": flat(FIELD), "lever": flat(field)}
-    found = part_tests(parts, made.reshape(60))["lever"]
-    without = fit_of_table1(field)
-    np.testing.assert_allclose(found.values - without.values, [2.0, 60.0, -5.0], atol=1e-9)
-    assert found.p < 1e-10
-    assert found.low < found.share < found.high
-
-
-def test_f_is_the_square_of_t_for_one_column():
-    """By the regression of scipy, of a line with a constant."""
-    rng = np.random.default_rng(1)
-    x, y = rng.standard_normal((2, 30))
-    line = stats.linregress(x, y + 0.5 * x)
-    found = part_tests({"1": np.ones((30, 1)), "x": x[:, None]}, y + 0.5 * x)["x"]
-    assert found.values[0] == pytest.approx(line.slope)
-    assert found.sigmas[0] == pytest.approx(line.stderr)
-    assert pytest.approx((line.slope / line.stderr) ** 2) == found.F
-    assert found.p == pytest.approx(line.pvalue)
-
-
 def test_intervals_of_shares_hold_what_they_say():
     """Of 200 samples with a known share; an F below chance's median only makes them longer."""
     rng = np.random.default_rng(3)

@@ -85,18 +85,6 @@ def test_after_a_jump_the_filter_starts_anew():
     assert look.used
 
 
-def test_bad_input_is_a_value_error():
-    for image, t in (
-        (np.zeros((3, 4, 5)), 0),
-        (np.full((9, 9), 256.0), 0),
-        (np.zeros((9, 9)), np.nan),
-    ):
-        with pytest.raises(ValueError, match="expected"):
-            step(None, image, t, CODED, None)
-    with pytest.raises(ValueError, match="expected"):
-        step(None, discs(), 0, CODED, Window(600, 0, 50, 9))
-
-
 def test_the_truth_tells_false_markers_and_a_window_has_fewer():
     """Discs twice, and the handle elsewhere: all that is found is false."""
     camera = load_rig("raised_40deg").cameras[0]

@@ -8,11 +8,10 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 
-from trinolab.slave import control, mapping
+from trinolab.slave import control
 from trinolab.slave.arm import forward, load_robot
 from trinolab.slave.control import Command, Inverse, ReferenceParameters
-from trinolab.slave.mapping import MappingParameters, Sample, State
-from trinolab.slave.oneeuro import OneEuroParameters
+from trinolab.slave.mapping import MappingParameters
 from workbench.studies import master_slave
 from workbench.studies.master_slave import (
     PARTS,
@@ -20,10 +19,8 @@ from workbench.studies.master_slave import (
     STILL_S,
     at_tool,
     coverage,
-    human_hand,
     lag_s,
     latency_budget,
-    mapped,
     reference_lag_s,
     run,
 )
@@ -34,10 +31,6 @@ TOOL = forward(ROBOT, ROBOT.home)
 TO_BASE = Rotation.from_matrix([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
 HANDLE = RigidTransform.from_components([0.0, 0.0, 560.0], Rotation.from_rotvec([0, np.pi / 2, 0]))
 MAPPING, FOLLOWING = MappingParameters(alignment=TO_BASE), ReferenceParameters()
-
-
-def still(times):
-    return RigidTransform.concatenate([HANDLE] * len(times))
 
 
 def steady(speed, turn=0.0):
@@ -113,20 +106,6 @@ def test_the_reference_is_late_by_its_time_constant_or_by_what_braking_asks_for(
 # --- the mapping, the noise, the reach, the tool
 
 
-@pytest.mark.parametrize(("scale", "turn_scale"), [(1.0, 1.0), (2.5, 0.5)])
-def test_the_mapping_without_a_filter_is_that_of_teleop(scale, turn_scale):
-    quick = MappingParameters(
-        scale, turn_scale, TO_BASE, OneEuroParameters(1e6, 1e6), reach_mm=((-9e3, 9e3),) * 3
-    )
-    times = np.arange(60) / 30
-    poses, state = human_hand(1)(times + STILL_S), State(-1.0, TOOL)
-    for t, pose in zip(times, poses, strict=True):
-        state = mapping.step(state, Sample(float(t), pose, "measured", True), quick)
-    expected = mapped(poses, TOOL, quick)[-1]
-    np.testing.assert_allclose(state.target.translation, expected.translation, atol=0.01)
-    assert (state.target.rotation * expected.rotation.inv()).magnitude() < 1e-4
-
-
 def test_the_reach_is_whole_near_home_and_ends_with_the_arm():
     assert coverage(ROBOT, 0.5, TO_BASE, 3) == (1.0, 1.0)
     assert coverage(ROBOT, 20.0, TO_BASE, 2) == (0.0, 0.0)  # corners, more than 2 m away
@@ -166,28 +145,7 @@ def test_what_the_papers_errors_are_at_the_tool():
     assert at_tool(0.31, 0.67, turn_scale=0.5)[1] == pytest.approx(turned / 2)
 
 
-@pytest.mark.parametrize("argument", [{"rate_hz": 0.0}, {"age_s": -1.0}, {"noise_deg": np.nan}])
-def test_arguments_that_are_refused(argument):
-    with pytest.raises(ValueError, match=next(iter(argument))):
-        run(ROBOT, still, **argument)
-
-
 # --- a block in the way
-
-
-def test_the_block_pushes_back_where_it_is_touched():
-    session, felt = master_slave.pushed()
-    across, along = np.linalg.norm(felt.force[[0, 2]]), -felt.force[1]
-    assert 20 < along < 200
-    assert across < 0.3 * along
-    assert (
-        felt.tool.translation[1]
-        < master_slave.BLOCK_Y_MM - master_slave.TOOL_RADIUS_MM + master_slave.DEEP_MM
-    )
-    model = session.robot.model
-    front = model.body("block").pos[1] - model.geom("block").size[1]
-    assert 1000 * front == pytest.approx(master_slave.BLOCK_Y_MM)
-    assert 1000 * model.geom("tool").size[0] == pytest.approx(master_slave.TOOL_RADIUS_MM)
 
 
 def test_the_speed_is_the_rms_over_the_ticks_at_the_tool_s_scale():

@@ -7,9 +7,7 @@ import pytest
 from scipy import stats
 
 from trinolab.datasets import load_handle, load_rig, load_table1
-from trinolab.pose import rigid_fit
-from workbench.studies.calibration_error import pattern as shares
-from workbench.studies.deviations import Errors, drawn, exact, first_order
+from workbench.studies.deviations import Errors, drawn, exact
 from workbench.studies.error_sources import (
     make_trial,
     one_focal_length,
@@ -23,7 +21,6 @@ from workbench.studies.pattern import (
     filled_up,
     holm,
     largest_size,
-    p_values,
     pattern_table,
     rigid_field,
     scaled,
@@ -63,24 +60,6 @@ def test_of_table_1_by_hand():
     np.testing.assert_allclose(OBSERVED[2:5], [12.75, 7.98, 9.72], atol=0.01)
 
 
-def test_depth_is_what_a_rigid_fit_leaves_of_z():
-    found = OBSERVED[list(STATISTICS).index("depth")]
-    T = rigid_fit(TABLE.measured.translation, PLACES)
-    rest = T.apply(TABLE.measured.translation) - PLACES
-    x, y, z = (rest**2).mean(axis=0)
-    assert found == pytest.approx(np.sqrt(2 * z / (x + y)), rel=2e-3)
-
-
-def test_smooth_share_by_another_way():
-    """A rigid fit and a regression, one after the other."""
-    T = rigid_fit(TABLE.measured.translation, PLACES)
-    rest = T.apply(TABLE.measured.translation) - PLACES
-    assert smooth_share(PLACES, TABLE_MM) == pytest.approx(
-        shares(PLACES, rest).smooth_share, abs=1e-3
-    )
-    assert OBSERVED[-1] == pytest.approx(smooth_share(PLACES, TABLE_MM), abs=1e-12)
-
-
 def test_a_motion_is_nothing_and_a_stretch_is_smooth():
     rng = np.random.default_rng(0)
     white = rng.standard_normal((20, 3))
@@ -96,18 +75,6 @@ def test_white_errors_have_the_beta_distribution():
     null = stats.beta(3, 24)
     assert stats.kstest(smooth_share(PLACES, white), null.cdf).pvalue > 0.001
     assert null.mean() == pytest.approx(1 / 9)
-
-
-def test_a_table_of_the_model_itself_is_nothing_unusual(noise):
-    model, own = (
-        statistics(first_order(drawn(noise, count, np.random.default_rng(seed)), TRUTHS), TRUTHS)
-        for count, seed in ((20_000, 0), (200, 1))
-    )
-    p = np.array([p_values(model, one) for one in own])
-    assert p.shape == (200, len(STATISTICS))
-    for column in p.T:
-        assert stats.kstest(column, "uniform").pvalue > 0.001
-    assert p.min() > 0
 
 
 def test_p_counts_both_sides_and_the_observed_table_itself():
@@ -153,12 +120,6 @@ def test_the_largest_size_is_refused_in_one_of_twenty(trial):
             below.append((smooth_share(PLACES, some) <= OBSERVED[-1]).mean())
         assert below[0] == pytest.approx(0.05, abs=0.025)  # 1,000 tables: 0.007
         assert below[1] < below[0] - 0.01
-
-
-def test_a_cause_that_is_not_smooth_may_be_all(trial):
-    size, share = largest_size(platform(trial, 0.1), platform(trial, 0.1), TRUTHS, TABLE_MM)
-    assert share == 1.0
-    assert size == pytest.approx(0.1908 * np.sqrt(3), rel=0.01)  # a uniform one of that sigma
 
 
 def test_fitted_statistics_are_not_tested(noise):

@@ -80,10 +80,8 @@ def test_every_trial_is_drawn_and_used():
         ("11", 0.96, 1.0, "match"),
         ("11", 0.94, 1.0, "undecided"),
         ("11", 0.80, 0.94, "differs"),
-        ("15", 0.0, 0.009, "match"),
         ("15", 0.02, 0.03, "differs"),
         ("5", 0.24, 0.38, "match"),
-        ("5", 0.06, 0.08, "differs"),
         ("5a", 0.06, 0.08, "met"),
         ("5a", 0.16, 0.18, "missed"),
         ("16", 0.01, 0.02, "cannot be tested"),
@@ -122,15 +120,6 @@ def ledger(tmp_path, monkeypatch):
     return of
 
 
-def test_a_row_of_the_ledger_is_read_as_it_stands(ledger):
-    ledger(ROW)
-    (row,) = load_claims()
-    assert {name: getattr(row, name) for name in ROW} == ROW
-    assert (row.match_within, row.at_most, row.trial) == (None, None, None)
-    # without a limit the declared verdict stands
-    assert row.computed_verdict(0.5) == row.computed_verdict(9.0, 8.0, 10.0) == "cannot be tested"
-
-
 def test_a_field_that_is_unknown_or_missing_is_named_with_its_row(ledger):
     ledger({**ROW, "no": "7c", "at_lest": 0.5})
     with pytest.raises(ValueError, match="claim 7c: 'at_lest' is not a field"):
@@ -147,7 +136,6 @@ def test_a_field_that_is_unknown_or_missing_is_named_with_its_row(ledger):
         ({"match_within": 0.1}, 0.6, "match"),
         ({"match_within": 0.1}, 0.61, "differs"),
         ({"at_least": 0.4}, 0.39, "differs"),
-        ({"at_least": 0.4}, 100.0, "match"),
         ({"at_most": 0.4, "paper": ""}, 0.4, "met"),
         ({"at_most": 0.4, "paper": ""}, 0.41, "missed"),
     ],

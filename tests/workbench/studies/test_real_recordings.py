@@ -5,7 +5,6 @@ them.
 import functools
 import hashlib
 import http.server
-import logging
 import re
 import threading
 from dataclasses import replace
@@ -26,7 +25,6 @@ from trinolab.triangulation import triangulate
 from workbench.studies import real_recordings
 
 SETS = load_real_sets()
-READERS = {name: getattr(real_recordings, f"load_{name}") for name in SETS}
 
 
 def needs(name):
@@ -107,16 +105,11 @@ def test_a_folder_that_is_not_the_set_s_is_refused(
 
 def test_fetched_on_demand_once_and_with_its_licence(small, served, tmp_path, monkeypatch):
     _, address, asked = served
-    messages = []
-    handler = logging.Handler()
-    handler.emit = lambda record: messages.append(record.getMessage())
-    monkeypatch.setattr(pooch.get_logger(), "handlers", [handler])
     small = replace(small, address=address)
     folder = find(small, fetch=True)
     assert folder == tmp_path / "cache" / "small"
     assert {name: (folder / name).read_bytes() for name in CONTENT} == CONTENT
     assert asked == ["/deep/a.txt", "/deep/b.txt"]
-    assert messages[0] == "small: two words. Licence: CC0-1.0. From nowhere"
     assert find(small, fetch=True) == find(small) == folder
     assert len(asked) == 2
 
@@ -124,16 +117,14 @@ def test_fetched_on_demand_once_and_with_its_licence(small, served, tmp_path, mo
 def test_what_came_is_checked(small, served):
     root, address, _ = served
     (root / "deep" / "b.txt").write_bytes(b"tampered")
-    small = replace(small, address=address)
-    with pytest.raises(ValueError, match=r"b\.txt.* does not match the known hash"):
-        find(small, fetch=True)
-    assert find(small) is None
-    for elsewhere, words in (
+    for source, words in (
+        (address, r"b\.txt.* does not match the known hash"),
         (f"{address}/none", "cannot be fetched"),
         ("", "CC0-1.0.*origin"),
     ):
         with pytest.raises(ValueError, match=words):
-            find(replace(small, address=elsewhere), fetch=True)
+            find(replace(small, address=source), fetch=True)
+    assert find(small) is None
 
 
 # --- the list
@@ -146,28 +137,6 @@ def test_the_list_is_complete():
         assert all("/" not in file.name and ".." not in file.path for file in real.files)
         assert not real.address or re.search(r"https://[\w./-]+/[0-9a-f]{40}(/|$)", real.address)
     assert SETS["trajectories"].address == ""  # its licence is not confirmed
-
-
-def test_an_incomplete_list_is_named(tmp_path):
-    path = tmp_path / "real.toml"
-    for files, missing in (('[{name = "n", sha256 = "0"}]', "path"), ("[]", "licence")):
-        path.write_text(f'[a]\nwhat = "x"\nfiles = {files}\n')
-        with pytest.raises(ValueError, match=rf"real.toml: \[a\]: .*'{missing}' is missing"):
-            fetch.read_real_sets(path)
-
-
-def test_without_the_sets_every_reader_and_row_is_none(tmp_path, monkeypatch):
-    monkeypatch.delenv("TRINOLAB_DATA", raising=False)
-    monkeypatch.setattr(fetch, "cache_folder", lambda: tmp_path)
-    for reader in READERS.values():
-        assert reader() is None
-    for row in (
-        real_recordings.baseline_difference_mm,
-        real_recordings.led_median_px,
-        real_recordings.board_fit_mm,
-        real_recordings.particle_median_px,
-    ):
-        assert row() is None
 
 
 # --- photographs
@@ -202,21 +171,6 @@ def test_photographs_as_opencv_calibrates_them(photographed):
     np.testing.assert_allclose(T_right_left.rotation.as_matrix(), R, rtol=0, atol=1e-5)
 
 
-@needs("opencv_stereo")
-def test_a_window_that_reaches_the_next_corner_costs(photographed):
-    wide = real_recordings.photographed_calibration(half_window_px=11)
-    assert wide.rms_px > 2 * photographed.rms_px
-    second = [one.view_rms_px[:, 1].mean() for one in (photographed, wide)]
-    page_says(
-        "notebooks/07b_accuracy.ipynb",
-        f"the rms of the second pair grows from {second[0]:.1f} to {second[1]:.1f} px",
-    )
-    for one, window in ((photographed, "win7"), (wide, "win11")):
-        assert np.linalg.norm(one.cameras[1].centre) == pytest.approx(
-            SETS["opencv_stereo"].reference[f"baseline_mm_{window}"], abs=0.2
-        )
-
-
 # --- a rig of four cameras and an LED
 
 
@@ -224,19 +178,14 @@ def test_a_window_that_reaches_the_next_corner_costs(photographed):
 def test_leds_are_in_front_of_every_camera_and_where_it_sees_them():
     tracks = real_recordings.load_pymvg_mcsc()
     assert tracks.uv.shape == (4, 464, 2)
-    seen = np.isfinite(tracks.uv).all(axis=2)
-    assert seen.sum() == 1599
-    assert seen.sum(axis=0).min() >= 2
     points = triangulate(tracks.rig, tracks.uv)
     assert np.isfinite(points).all()
     for camera in tracks.rig.cameras:
         assert camera.T_cam_world.apply(points)[:, 2].min() > 100  # mm
     errors = real_recordings.led_errors_px()
-    assert errors.shape == (4, 464)
     assert real_recordings.led_median_px() == np.nanmedian(errors) <= 0.30
     # the reference solves all cameras at once: 0.278; the mean of pairs can only be worse
     assert SETS["pymvg_mcsc"].reference["reprojection_median_px"] < np.nanmedian(errors)
-    assert np.nanmean(errors) < 0.45
 
 
 @pytest.mark.parametrize("scale", [1.0, -1.0, 2.5])
@@ -257,13 +206,9 @@ def test_webcams_and_their_board():
     tracks = real_recordings.load_caliscope()
     reference = SETS["caliscope"].reference
     assert tracks.rig.names == ("cam_0", "cam_1", "cam_2", "cam_3")
-    steps = np.diff(np.unique(tracks.points[:, 0].round(3)))
-    np.testing.assert_allclose(steps, reference["square_mm"], atol=1e-3)
     # the pixel of the file's first row: instant 416, camera 1, corner 0
     np.testing.assert_array_equal(tracks.uv[1, 0], [710.9169311523438, 507.43072509765625])
     errors = real_recordings.board_errors_mm()
-    assert errors.shape == (48, 12)
-    assert np.isfinite(errors).sum() == 574
     fit = real_recordings.board_fit_mm()
     assert fit == np.median(np.nanmedian(errors, axis=1)) <= 0.75
     assert fit == pytest.approx(reference["board_fit_median_mm"], abs=0.005)
@@ -279,12 +224,6 @@ def test_cameras_that_face_each_other_spoil_the_plain_mean():
         "notebooks/07b_accuracy.ipynb",
         f"leaves {plain:.2f} mm; without pairs of rays under 30° (or over 150°) it is "
         f"{without:.2f} mm.",
-    )
-    tracks = real_recordings.load_caliscope()
-    steep = real_recordings.triangulate_steep(tracks.rig, tracks.uv, 30.0)
-    errors = real_recordings.reprojection_px(tracks.rig, steep, tracks.uv)
-    assert np.nanmedian(errors) == pytest.approx(
-        SETS["caliscope"].reference["reprojection_median_px"], abs=0.005
     )
 
 
@@ -327,22 +266,7 @@ def test_steep_pairs():
 
 
 @needs("trackpy_particles")
-def test_particles():
-    particles = real_recordings.load_trackpy_particles()
-    assert particles.image.shape == (424, 640)
-    assert particles.image.dtype == np.uint8
-    assert particles.uv.shape == (SETS["trackpy_particles"].reference["positions"], 2)
-    u, v = particles.uv.max(axis=0)  # x along the longer side: not swapped
-    assert 424 < u < 640
-    assert v < 424
-    around = [particles.image[round(y), round(x)] for x, y in particles.uv]
-    assert np.mean(around) < particles.image.mean() - 10  # they are dark
-
-
-@needs("trackpy_particles")
 def test_centroids_of_particles():
     errors = real_recordings.particle_errors_px()
     assert real_recordings.particle_median_px() == np.median(errors) <= 0.2
     assert (errors < 2).mean() > 0.95
-    # nor does it hang on the window
-    assert np.median(real_recordings.particle_errors_px(11)) <= 0.2

@@ -39,13 +39,7 @@ def asked(monkeypatch):
         ("budget", "--draws 7", {"draws": 7}),
         ("second_renderer", "", {"kept": Path("_build/second")}),
         ("drawn_rigs", "--kept k --draws 3 --workers 5", {"draws": 3, **KEPT}),
-        (
-            "sensitivity",
-            "--workers 1",
-            {"kept": Path("_build/sensitivity"), "draws": 2, "workers": 1},
-        ),
         ("stress", "--kept k --instants 20 --workers 5", {"instants": 20, **KEPT}),
-        ("instant_times", "--kept k --instants 80 --workers 5", {"instants": 80, **KEPT}),
     ],
 )
 def test_tables_are_written_each_under_its_name(tmp_path, asked, study, options, named):
@@ -61,7 +55,6 @@ def test_tables_are_written_each_under_its_name(tmp_path, asked, study, options,
     ("study", "options", "named"),
     [
         ("fitts", [], {}),
-        ("calibration_error", ["--draws", "3"], {"draws": 3}),
         ("factors", ["--factor", "turn", "--seeds", "3"], {"draws": 3, "names": ["turn"]}),
         ("gallery", ["blur"], {"names": ["blur"]}),
     ],

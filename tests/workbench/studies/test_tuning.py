@@ -24,7 +24,6 @@ from workbench.studies import tuning
 from workbench.studies.tuning import (
     image_model,
     innovations,
-    most_likely,
     nis_band,
     pose_models,
     tune_image,
@@ -50,14 +49,6 @@ def drawn(p, times, count, rng):
     H, R = observation_matrix(), p.sigma_px**2 * np.eye(2)
     tracks = [image_track.draw(start, len(steps), F, Q, H, R, rng)[1] for _ in range(count)]
     return np.hstack([np.vstack([[0, 0], uv]) for uv in tracks])
-
-
-def test_the_quick_filter_is_that_of_the_chapter():
-    uv = np.random.default_rng(0).normal(0, 30, (len(UNEVEN), 2))
-    way = image_track.track(UNEVEN, uv, DRAWN, gated=False)
-    found = innovations(UNEVEN, uv, MODEL)
-    np.testing.assert_allclose(found.squared.sum(axis=1), way.nis[1:], rtol=1e-9)
-    np.testing.assert_allclose(found.variances, way.predicted.covariance[1:, 0, 0] + 4.0, rtol=1e-9)
 
 
 @pytest.mark.parametrize("fading_s", [np.inf, 0.15])
@@ -139,14 +130,3 @@ def test_the_pose_s_model_is_that_of_the_pose_filter():
     for model, axis in zip(pose_models(p), (0, 3), strict=True):
         one = white_jerk(dt, model.jerk_intensity)[::2, ::2]
         np.testing.assert_allclose(one, Q[axis::6, axis::6], rtol=1e-12)
-
-
-def test_bad_input_is_a_value_error():
-    for times, z in (([0.0], [[1.0]]), ([0, 0], [[1.0], [2.0]]), ([0, 1], [[1.0]])):
-        with pytest.raises(ValueError, match="expected"):
-            innovations(times, z, MODEL)
-    for count, share in ((0, 0.95), (3, 1.0)):
-        with pytest.raises(ValueError, match="expected"):
-            nis_band(count, share=share)
-    with pytest.raises(ValueError, match="expected"):
-        most_likely([(UNEVEN, UNEVEN[:, None])], MODEL, ["fading_s"])

@@ -8,13 +8,11 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 from healthy import contents, run
 from makenotebook import glued, make_notebook
 from processes import GATE, ended, is_running, open_gate, started, wait_until
 
-from trinolab.files.journal import Journal
 from workbench import provenance
 from workbench.sweep import runs, sweep
 from workbench.sweep.folder import read_sweep
@@ -125,29 +123,6 @@ def test_a_sweep_that_is_stopped_keeps_its_runs_and_goes_on(capfd, number, code)
     assert max(times) <= 2
 
 
-@pytest.mark.usefixtures("notebook")
-@pytest.mark.parametrize(
-    "end",
-    [
-        '{"run": 3, "results": {"squ',
-        '{"run": 3}\n',
-        "\x00\x00\n",
-        "[1]\n",
-        '{"run": 99, "results": {}, "seconds": 1, "status": "ok", "error": ""}\n',
-    ],
-)
-def test_a_line_that_is_cut_off_or_damaged_is_run_again(end):
-    def square(a):
-        return a**2
-
-    whole = sweep(square, a=range(5), out="s")
-    path = Path("s/runs.jsonl")
-    path.write_text("".join(path.read_text().splitlines(keepends=True)[:3]) + end)
-    found = sweep(square, a=range(5), out="s")
-    assert len(path.read_text().splitlines()) == 5
-    pd.testing.assert_frame_equal(found.drop(columns="seconds"), whole.drop(columns="seconds"))
-
-
 def test_a_function_is_kept_and_stale_when_its_file_has_changed(tmp_path, monkeypatch, caplog):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
@@ -174,33 +149,6 @@ def test_a_function_is_kept_and_stale_when_its_file_has_changed(tmp_path, monkey
     assert caplog.messages[1:] == [
         "s: the package and its data have changed since; 3 finished runs are stale and are done again"
     ]
-
-
-@pytest.mark.parametrize(
-    ("moment", "count"), [("before it is written", 2), ("after it is written", 3)]
-)
-def test_an_interruption_while_a_run_is_kept_counts_what_the_file_has(
-    tmp_path, monkeypatch, moment, count
-):
-    real, calls = Journal.add_line, []
-
-    def add_line(lines, line):
-        """Ctrl-C comes with the third run."""
-        calls.append(line)
-        if len(calls) == 3 and moment == "before it is written":
-            raise KeyboardInterrupt
-        real(lines, line)
-        if len(calls) == 3:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(Journal, "add_line", add_line)
-    with pytest.raises(KeyboardInterrupt, match=f"{count} of 5 runs are kept in"):
-        sweep(absolute, a=range(5), out=tmp_path / "s")
-    assert len((tmp_path / "s" / "runs.jsonl").read_text().splitlines()) == count
-
-
-def absolute(a):
-    return abs(a)
 
 
 def test_a_chapter_is_found_by_its_name(tmp_path, monkeypatch):

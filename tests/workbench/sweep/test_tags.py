@@ -176,17 +176,6 @@ def test_what_goes_wrong_in_a_fork_costs_its_row(tmp_path):
     ]
 
 
-def test_numbers_are_taken_as_they_were_glued(tmp_path):
-    code = "%precision 2\nimport numpy as np"
-    values = glued(y="a / 3", z="np.float32(1) / np.float32(3)", big="10**30 + 1", word="'so'")
-    path = make_notebook(tmp_path / "n.ipynb", code, values)
-    found = sweep(path, a=[1.0], progress=False).iloc[0]
-    assert found["y"] == 1 / 3
-    assert found["z"] == float.fromhex("0x1.5555560000000p-2")
-    assert found["big"] == 10**30 + 1
-    assert found["word"] == "so"
-
-
 def test_what_changes_nothing_is_reported(tmp_path, caplog):
     path = make_notebook(
         tmp_path / "n.ipynb", "a = 5", glued(y="seed"), parameters="a = 1\nseed = 0\nb = 1"

@@ -70,18 +70,14 @@ def test_the_slave_is_shown_as_it_is_where_it_fits_and_smaller_or_larger_where_n
     assert np.array_equal(
         monitor_picture(IMAGES, None, CAMERAS, pattern, FINE)[324:, :717], pattern
     )
-    for height, width in ((200, 200), (1000, 1001), (3, 900)):
-        small = np.full((height, width, 3), (250, 120, 10), np.uint8)
-        v, u = np.nonzero(
-            (monitor_picture(IMAGES, None, CAMERAS, small, FINE) == (250, 120, 10)).all(axis=2)
-        )
-        shown = v.max() - v.min() + 1, u.max() - u.min() + 1
+    for height, width in ((200, 200), (1000, 1001)):
+        other = np.full((height, width, 3), (250, 120, 10), np.uint8)
+        picture = monitor_picture(IMAGES, None, CAMERAS, other, FINE)
+        v, u = np.nonzero((picture == (250, 120, 10)).all(axis=2))
         assert v.min() >= 324
         assert u.max() < 717
-        assert shown[0] == 396 or shown[1] == 717
-        assert shown[1] / shown[0] == pytest.approx(
-            width / height, rel=0.3 if height == 3 else 0.01
-        )
+        assert np.ptp(v) == 395
+        assert np.ptp(u) == pytest.approx(396 * width / height, abs=4)
 
 
 @pytest.mark.parametrize(
@@ -109,19 +105,6 @@ def test_the_strip_says_all_in_words(readings, said, written):
     shown = words(written)[-12:]
     assert shown[::2] == ["time", "pose", "clutch", "hold", "limits", "force"]
     assert shown[1::2] == said
-
-
-def test_words_that_are_too_long_are_cut_inside_their_field(written):
-    long = Readings(
-        1.0, "measured" * 30, True, "a reason without an end " * 20, ("joint",) * 90, 1.0
-    )
-    picture = monitor_picture(IMAGES, None, CAMERAS, SLAVE, long)
-    assert sum(text.endswith("..") for text in words(written)) == 3
-    for text, scale in written:  # letters are large enough
-        (_, height), below = cv2.getTextSize("Hg", cv2.FONT_HERSHEY_SIMPLEX, scale, 1)
-        assert height + below >= 14, text
-    usual = monitor_picture(IMAGES, None, CAMERAS, SLAVE, FINE)
-    assert np.array_equal(picture[:, 1270:], usual[:, 1270:])
 
 
 @pytest.mark.parametrize(
@@ -154,35 +137,12 @@ def test_missing_pieces_are_named_and_markers_counted(written, seen, said):
 @pytest.mark.parametrize(
     ("change", "line"),
     [
-        ({"images": IMAGES[:2]}, "images: expected 3, one per camera, got 2"),
         ({"images": [None, IMAGES[1][:-1], None]}, r"images\[1\]: expected 1280 x 1024 pixels"),
-        ({"images": [None, None, 5.0 * IMAGES[1]]}, r"images\[2\]: expected grey levels from 0"),
         ({"tracked": tracked(cameras=2)}, "tracked: expected 3, one per camera, got 2"),
-        ({"cameras": (), "images": ()}, "cameras: expected one or more, got none"),
-        ({"slave": np.zeros((20, 30), np.uint8)}, "slave: expected a picture of shape"),
         ({"size": (640, 480)}, "size: expected even sides of 960 x 540 px or more, got 640 x 480"),
-        ({"size": "large"}, "size: expected"),
-        ({"readings": None}, "readings: expected Readings, got NoneType"),
     ],
 )
 def test_a_wrong_argument_is_one_line(change, line):
     right = {"images": IMAGES, "cameras": CAMERAS, "slave": SLAVE, "readings": FINE}
     with pytest.raises(ValueError, match=f"^{line}.*$"):
         monitor_picture(**{"tracked": None} | right | change)
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("t_s", "now"),
-        ("t_s", np.inf),
-        ("status", None),
-        ("hold", True),
-        ("limits", "joint 3"),
-        ("force_n", [1.0]),
-        ("full_n", 0.0),
-    ],
-)
-def test_a_wrong_reading_is_named(field, value):
-    with pytest.raises(ValueError, match=f"{field}: expected"):
-        Readings(**{"t_s": 0.0, "status": "lost", field: value})

@@ -159,16 +159,6 @@ def test_each_wait_costs_the_delay_once():
     np.testing.assert_allclose(longer, 0.5 * before["moves"], atol=1e-9)
 
 
-def test_mistakes_are_named():
-    rng = np.random.default_rng(0)
-    with pytest.raises(ValueError, match="strategy: expected one of continuous, move-and-wait"):
-        point(conditions(repeats=1), "hasty", 1.0, 0.0, rng)
-    with pytest.raises(ValueError, match="delay_s"):
-        point(conditions(repeats=1), "continuous", 1.0, -0.1, rng)
-    with pytest.raises(ValueError, match="move_s"):
-        Person(move_s=0.0)
-
-
 # The study
 
 

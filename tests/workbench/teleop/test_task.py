@@ -86,34 +86,3 @@ def test_the_hand_stays_in_sight_and_trembles_by_its_seed():
     apart = np.linalg.norm(other.translation - poses.translation, axis=1)
     assert 0 < apart.max() < 1  # mm: a tremor
     assert np.array_equal(task.hand(0)[1].as_matrix(), poses.as_matrix())
-
-
-def test_binned_cameras_see_the_same_at_half_the_pixels():
-    """The middle of the first binned pixel is the corner that the first four pixels share."""
-    for whole, binned in zip(
-        task.load_rig("raised_40deg").cameras, task.rig().cameras, strict=True
-    ):
-        uv = whole.project([[10.0, -5.0, 560.0]])
-        np.testing.assert_allclose(
-            binned.project([[10.0, -5.0, 560.0]]), (uv + 0.5) / 2 - 0.5, atol=1e-9
-        )
-        assert binned.size == (whole.size[0] // 2, whole.size[1] // 2)
-
-
-def test_the_clutchs_table_closes_and_opens_it_as_the_legs_are_and_keeps_the_scale_when_open():
-    rows = [line.split(",") for line in task.script().split()]
-    assert rows[0] == ["t_s", "closed", "scale"]
-    times = [float(t) for t, _, _ in rows[1:]]
-    assert times == sorted(times)
-    begin = 0.0
-    for leg in task.LEGS:
-        middle = (begin + leg.until_s) / 2
-        begin = leg.until_s
-        now = [row for row, t in zip(rows[1:], times, strict=True) if t <= middle]
-        closed = bool(now) and now[-1][1] == "1"
-        assert closed == (leg.scale is not None)
-        if closed:
-            assert float(now[-1][2]) == leg.scale
-    scales = [float(scale) for _, _, scale in rows[1:]]
-    opened = [k for k, (_, closed, _) in enumerate(rows[1:]) if closed == "0"]
-    assert [scales[k] for k in opened] == [scales[k - 1] for k in opened]

@@ -32,38 +32,6 @@ def part(recording, first, last):
     return source._replace(length=last - first, frames=islice(source.frames, first, last))
 
 
-def check_limits(joints):
-    limits, names = ROBOT.limits, ROBOT.joints
-    q, speed = (joints[[f"{name}{end}" for name in names]].to_numpy() for end in ("_rad", "_rad_s"))
-    assert (q >= limits.low - 1e-6).all()
-    assert (q <= limits.high + 1e-6).all()
-    assert (np.abs(speed) <= limits.speed + 1e-6).all()
-    assert (np.abs(np.diff(speed, axis=0)) <= limits.acceleration * TICK_S + 1e-6).all()
-
-
-def test_a_recording_moves_the_arm_as_the_hand_moved(recording, tmp_path):
-    done = teleoperate(
-        part(recording, 28, 48), tmp_path / "out", scale=0.5, video=False, progress=False
-    )
-    joints, events, poses = (
-        pd.read_csv(tmp_path / "out" / f"{name}.csv") for name in ("joints", "events", "poses")
-    )
-    names = sorted(path.name for path in (tmp_path / "out").iterdir())
-    assert names == ["events.csv", "joints.csv", "poses.csv"]
-    np.testing.assert_allclose(joints, done.joints, rtol=1e-6, atol=1e-9)
-    check_limits(joints)
-    assert events["event"].tolist() == ["clutch closed"]
-    assert (poses["status"] == "measured").sum() >= 17
-    # how far the hand went since the clutch was closed, and the tool, half as far; the filters are
-    # a little behind
-    known = poses[poses["status"] == "measured"][["x_mm", "y_mm", "z_mm"]].to_numpy()
-    tool = joints[["tool_x_mm", "tool_y_mm", "tool_z_mm"]].to_numpy()
-    hand_way, tool_way = (
-        np.linalg.norm(np.diff(way, axis=0), axis=1).sum() for way in (known, tool[::17])
-    )
-    assert 0.6 * hand_way / 2 < tool_way < 1.1 * hand_way / 2
-
-
 def shortened(recording, first, last, folder):
     """A recording folder with the frames `first` to `last` of another, at times from 0."""
     for name in ("rig.toml", "handle.toml"):

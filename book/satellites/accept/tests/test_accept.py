@@ -86,9 +86,7 @@ def test_cameras_that_do_not_hold_the_handle_in_common_are_refused(rig, turn, lo
     back = RigidTransform.from_rotation(Rotation.from_rotvec([0, turn, 0]))
     turned = replace(first, T_cam_world=first.T_cam_world * back)
     coded = load_handle("coded")
-    rows = tuple(tuple(longer * row for row in column) for column in coded.rows_mm)
-    top, length = longer * coded.top_mm, longer * coded.length_mm
-    long = replace(coded, rows_mm=rows, top_mm=top, length_mm=length)
+    long = replace(coded, top_mm=longer * coded.top_mm, length_mm=longer * coded.length_mm)
     with pytest.raises(ValueError, match=said):
         field_of(Rig((turned, *others)), long)
 
@@ -189,42 +187,34 @@ def test_static_errors_before_and_after_registration():
     poses = sobol_poses(one.field, one.poses, one.seed).poses
     turn = Rotation.from_rotvec([0, 0, np.deg2rad(0.1)])
     moved = RigidTransform.from_components([0.3, 0, 0], turn) * poses
-    off = np.column_stack(
-        [
-            moved.translation - poses.translation,
-            (moved.rotation * poses.rotation.inv()).as_rotvec(),
-        ]
-    )
+    turns = (moved.rotation * poses.rotation.inv()).as_rotvec()
+    off = np.column_stack([moved.translation - poses.translation, turns])
     answer = static.judge(one, static_rows(one, off))
-    assert value(answer, "poses measured", "share").value == 100
-    assert value(answer, "position error", "mean").value == pytest.approx(
-        np.linalg.norm(off[:, :3], axis=1).mean()
-    )
     assert value(answer, "angle error", "largest").value == pytest.approx(0.1)
     assert value(answer, "position error, registered", "largest").value < 1e-9
     assert value(answer, "angle error, registered", "largest").value < 1e-6
-    far = "called measured, off by more than 2 mm or 5 deg"
-    assert value(answer, far, "count").value == 0
 
 
 def test_static_numbers_of_known_errors():
-    """Half of the poses off by 0.01 mm, half by 0.03 mm along z; four are lost, one is far off."""
+    """Half of the poses off by 0.01 mm, half by 0.03 mm along z; four are lost, one is far off. The
+    reported standard deviation is 0.01 sqrt 3 mm.
+    """
     one = setup()
     off = np.zeros((64, 6))
     off[:, 2] = np.where(np.arange(64) % 2, 0.01, 0.03)
     off[5, 2] = 2.5
     answer = static.judge(one, static_rows(one, off, lost=(0, 2, 4, 6)))
     known = np.delete(off[:, 2], [0, 2, 4, 6])
-    assert value(answer, "poses measured", "share").value == pytest.approx(100 * 60 / 64)
-    assert value(answer, "position error", "median").value == pytest.approx(np.median(known))
-    assert value(answer, "position error", "rms").value == pytest.approx(np.sqrt((known**2).mean()))
-    assert value(answer, "position error", "largest").value == pytest.approx(2.5)
-    far = value(answer, "called measured, off by more than 2 mm or 5 deg", "count")
-    assert (far.value, far.n) == (1, 60)
-    # the reported standard deviation is 0.01 sqrt 3 mm
-    assert value(answer, "true / reported position error", "rms").value == pytest.approx(
-        np.sqrt((known**2).mean()) / (0.01 * np.sqrt(3))
-    )
+    rms = np.sqrt((known**2).mean())
+    for what, statistic, expected in (
+        ("poses measured", "share", 100 * 60 / 64),
+        ("position error", "mean", known.mean()),
+        ("position error", "median", np.median(known)),
+        ("position error", "rms", rms),
+        ("true / reported position error", "rms", rms / (0.01 * np.sqrt(3))),
+        ("called measured, off by more than 2 mm or 5 deg", "count", 1),
+    ):
+        assert value(answer, what, statistic).value == pytest.approx(expected), what
 
 
 def test_what_is_hardly_measured_has_its_share_and_no_errors():
@@ -240,13 +230,6 @@ def test_what_is_hardly_measured_has_its_share_and_no_errors():
     drawn = pointer.touches(one)
     touched = pointer.judge(one, [rows_of(drawn.poses, lost=range(2, drawn.pivoted))])
     assert touched.notes[-1] == "Too few poses were measured for the tip."
-    assert not any("tip" in number.what for number in touched.numbers)
-    rows = [rows_of(poses, times=times) for times, poses, _ in sines(one)]
-    times, poses, _ = latency.sine(one, 1)
-    rows[1] = rows_of(poses, lost=range(7, len(times)), times=times)
-    delays = {n.what for n in latency.judge(one, rows).numbers if n.statistic == "delay"}
-    assert any("sine of 0.5 Hz" in what for what in delays)
-    assert not any("sine of 1 Hz" in what for what in delays)
 
 
 def test_what_goes_with_an_error_is_found():
@@ -268,14 +251,6 @@ def test_what_goes_with_an_error_is_found():
 
 
 # --- A3: motion
-
-
-@pytest.mark.parametrize("rig", RIGS)
-def test_both_ends_stay_in_the_field(rig):
-    one = setup(rig)
-    for raster in range(2 * len(moving.SPEEDS_MM_S)):
-        for end in moving.ends_of(one, raster):
-            assert one.field.holds(end.translation).all()
 
 
 @pytest.mark.parametrize("raster", range(8))
@@ -438,15 +413,10 @@ def test_latency_of_exact_poses_and_how_bad_it_gets():
         counted.append(cpu_ms[2:])
     ages = np.sort(np.concatenate(counted)) + 5.0
     answer = latency.judge(one, rows)
-    for rate in ("0.5", "1", "2"):
-        own = value(answer, f"pose against its own time, sine of {rate} Hz", "delay")
-        assert own.value == pytest.approx(0, abs=1e-6)
+    own = value(answer, "pose against its own time, sine of 1 Hz", "delay")
+    assert own.value == pytest.approx(0, abs=1e-6)
     worst = value(answer, "age of a pose when it is there", LARGEST)
-    assert worst.value == pytest.approx(ages[-1])
-    assert "95 % sure" in worst.note
-    late = value(answer, "age of a pose when it is there", "99 %")
-    assert ages[-3] <= late.value <= ages[-1]
-    assert late.n == worst.n == len(ages)
+    assert (worst.value, worst.n) == (pytest.approx(ages[-1]), len(ages))
     taken = value(answer, "time of a measurement in motion", LARGEST)
     assert taken.value == pytest.approx(ages[-1] - 5.0)
 
@@ -480,10 +450,6 @@ def test_standard_scene_is_in_view():
     rig = availability.before(Setup(Rig(tuple(cameras)), one.handle, 8))
     for camera in rig.cameras:
         assert camera.sees([[0.0, 0.0, 570.0]]).all()
-    between = [c.T_cam_world * rig.cameras[0].T_world_cam for c in rig.cameras]
-    true = [c.T_cam_world * one.rig.cameras[0].T_world_cam for c in one.rig.cameras]
-    for a, b in zip(between, true, strict=True):
-        assert np.allclose(a.as_matrix(), b.as_matrix(), atol=1e-9)
 
 
 # --- A7: the arm
@@ -499,19 +465,6 @@ def test_accuracy_and_repeatability_by_hand():
     deviation = np.std([1, 1, 3, 3], ddof=1)
     found = arm.attained(positions, np.zeros(3))
     assert found.repeatability == pytest.approx(2 + 3 * deviation)
-
-
-@pytest.mark.parametrize("shape", arm.SHAPES)
-@pytest.mark.parametrize("above_mm", [0.0, 0.3])
-def test_a_path_is_off_by_its_shift_and_not_by_its_lag(shape, above_mm):
-    """A tool 0.1 s late, shifted across the path's plane: off as much at each station and in each
-    round.
-    """
-    points, off = arm.off_path(shape, trial_of(shape, above_mm))
-    assert len(points) == len(arm.stations(shape))
-    assert off.shape == (len(points), arm.ROUNDS, 3)
-    assert np.abs(off - off.mean(axis=1, keepdims=True)).max() < 0.02
-    assert np.linalg.norm(off, axis=2).max() == pytest.approx(above_mm, abs=0.01)
 
 
 def trial_of(shape, above_mm):
@@ -566,11 +519,6 @@ def test_hand_rests_at_its_five_poses():
         assert np.ptp(resting.translation, axis=0).max() < 1e-9
         expected = arm.CORNERS_MM[(k + 1) % 5] + [0, 0, 570]
         assert resting.translation[0] == pytest.approx(expected)
-    times = np.linspace(0, 20, 4001)
-    speeds = np.linalg.norm(np.diff(arm.five_poses(times).translation, axis=0), axis=1) / 0.005
-    # minimum jerk: 15 / 8 of the mean speed
-    longest = max(np.linalg.norm(np.roll(arm.CORNERS_MM, -1, axis=0) - arm.CORNERS_MM, axis=1))
-    assert speeds.max() == pytest.approx(15 / 8 * longest / arm.MOVE_S, rel=1e-3)
 
 
 # --- tracks
@@ -621,30 +569,22 @@ NEAR = RigidTransform.from_components(
 )
 
 
-def difference(one, other):
-    """Root mean square of the difference of two instants, grey levels."""
-    pairs = zip(one.images, other.images, strict=True)
-    return np.mean([np.std(a.astype(float) - b) for a, b in pairs])
-
-
 def test_a_handle_that_moves_is_blurred_along_its_way():
-    """At 1 m/s it moves by 10 mm while the shutter is open; its middle stays. Frames at rest differ by
-    their noise alone, of which each has its own.
+    """At 1 m/s it moves by 10 mm while the shutter is open. Frames at rest differ by their noise, which
+    each has of its own.
     """
-    one, other, third = tracks.resting(quarter(), NEAR, 3, 0)
-    (again,) = tracks.resting(quarter(), NEAR, 1, 0)
-    np.testing.assert_array_equal(again.images, one.images)
-    assert [frame.t_s for frame in (one, other, third)] == pytest.approx(np.arange(3) / FPS)
-    noise = difference(one, other)
-    assert noise == pytest.approx(difference(one, third), rel=0.05)
-    assert 1 < noise < 0.5 * np.std(one.images[0])  # the scene is gone
+    one, other = tracks.resting(quarter(), NEAR, 2, 0)
+    assert (one.t_s, other.t_s) == pytest.approx((0, 1 / FPS))
     two = RigidTransform.concatenate([NEAR, NEAR])
     velocities = np.array([[0.0, 0, 0], [1000.0, 0, 0]])
-    times = np.array([0.1, 0.2])
-    still, fast = tracks.moving(quarter(), times, two, velocities, 0)
+    still, fast = tracks.moving(quarter(), np.array([0.1, 0.2]), two, velocities, 0)
     assert (still.t_s, fast.t_s) == (0.1, 0.2)
-    assert difference(still, one) == pytest.approx(noise, rel=0.05)
-    assert difference(fast, one) > 1.15 * noise
+    noise, at_rest, blurred = (
+        np.std(one.images[0].astype(float) - then.images[0]) for then in (other, still, fast)
+    )
+    assert 1 < noise < 0.5 * np.std(one.images[0])  # the scene is gone
+    assert at_rest == pytest.approx(noise, rel=0.05)
+    assert blurred > 1.15 * noise
 
 
 # --- a part of each test, rendered and measured
@@ -668,23 +608,6 @@ def test_poses_are_measured(test, poses_of, worst_mm):
     assert found.mean() > (0.9 if test is moving else 0.999)
     assert np.linalg.norm(off[found, :3], axis=1).max() < worst_mm
     assert np.rad2deg(np.linalg.norm(off[found, 3:], axis=1)).max() < 1.0
-
-
-@pytest.mark.heavy
-def test_a_sine_is_followed_without_delay():
-    one = setup(poses=8)
-    answer = latency.judge(one, [latency.run(one, k) for k in range(latency.parts(one))])
-    delay = value(answer, "pose against its own time, sine of 1 Hz", "delay")
-    assert abs(delay.value) < 0.5
-
-
-@pytest.mark.heavy
-def test_the_arm_comes_to_its_poses():
-    pytest.importorskip("mink", reason="the arm needs the extra 'slave'")
-    one = setup(poses=8)
-    found = arm.run(one, 0, arm.Noise(0.003, 0.03, "a test has"))
-    off = np.array(found["tool"]["positions"]) - np.array(found["hand"]["positions"])
-    assert np.linalg.norm(off, axis=1).max() < 0.5
 
 
 # --- A0: the combined uncertainty
@@ -804,29 +727,22 @@ def test_the_map_is_known_worse_further_away_and_in_depth():
     assert of_rows[-1] > 1.5 * of_rows[0]
 
 
-def test_the_covariance_of_a_pose_is_what_many_adjustments_scatter_by():
-    """The marker's places and the rig are exact, so that the pixels' noise is all."""
+def test_the_covariance_of_a_pose_is_the_inverse_of_its_pixels_information():
+    """By differences; the markers' places and the rig are exact, so that the pixels' noise is all."""
     rig, handle = load_rig("raised_40deg"), load_handle("coded")
-    T = RigidTransform.from_components(
-        [10.0, 5.0, 560.0], Rotation.from_euler("ZYX", [5, 190, 8], True)
-    )
-    expected = field_map.pose_covariance(T, rig, handle)
-    rng = np.random.default_rng(0)
-    centres = T.apply(handle.marker_centres)
-    normals = handle.marker_normals @ T.as_matrix()[:3, :3].T
+    turn = Rotation.from_euler("ZYX", [5, 190, 8], True)
+    T = RigidTransform.from_components([10.0, 5.0, 560.0], turn)
+    centres, normals = T.apply(handle.marker_centres), turn.apply(handle.marker_normals)
     slants = [slant_angles(centres, normals, camera.centre) for camera in rig.cameras]
     seen = [slant < np.deg2rad(field_map.MAX_SLANT_DEG) for slant in slants]
-    noise = [field_map.CENTRE_PX * rng.normal(size=(75, *centres.shape[:1], 2)) for _ in seen]
 
-    def left(step, k):
+    def pixels(step):
         at = shifted(T, step).apply(handle.marker_centres)
-        return np.concatenate(
-            [
-                (camera.project(at) - camera.project(centres) - one[k])[mask].ravel()
-                for camera, mask, one in zip(rig.cameras, seen, noise, strict=True)
-            ]
-        )
+        views = zip(rig.cameras, seen, strict=True)
+        return np.concatenate([camera.project(at[mask]).ravel() for camera, mask in views])
 
-    steps = np.array([least_squares(left, np.zeros(6), args=(k,)).x for k in range(75)])
-    found = np.sqrt(np.diag(np.cov(steps.T)))
-    np.testing.assert_allclose(found, np.sqrt(np.diag(expected)), rtol=0.25)  # of 75: 8 % each
+    J = np.array([(pixels(step) - pixels(-step)) / 2e-5 for step in 1e-5 * np.eye(6)])
+    expected = field_map.CENTRE_PX**2 * np.linalg.inv(J @ J.T)
+    found = field_map.pose_covariance(T, rig, handle)
+    scale = np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
+    np.testing.assert_allclose(found / scale, expected / scale, atol=1e-4)

@@ -19,14 +19,9 @@ from satellites.accept import command, history, pointer, renew, rest, sheet, sta
 from satellites.accept.command import accept, as_lines
 from satellites.accept.numbers import CLOCK, OWN, Answer, Number, far_count, share
 from satellites.accept.sheet import Sheet, contents, digits, read_sheet
-from trinolab.datasets import data_path, load_sweep
+from trinolab.datasets import data_path
 from trinolab.files.journal import locked
 from trinolab.files.poses import read_poses
-from trinolab.methods import BEST
-from workbench.studies.broken import FAULTS
-from workbench.studies.instant_times import by_film
-from workbench.studies.second_renderer import side_by_side
-from workbench.studies.stress import by_fault
 
 ROOT = Path(__file__).resolve().parents[4]
 RIG, HANDLE = data_path("rigs", "raised_40deg.toml"), data_path("handles", "coded.toml")
@@ -118,11 +113,10 @@ def test_table_has_a_row_a_number(made):
     assert list(table) == list(Number.__dataclass_fields__)
     assert (table["n"] > 0).all()
     assert (table["seed"].dropna() == 0).all()
-    given = table["interval"].notna()
-    assert given.mean() > 0.7
-    ends = table[given & table["high"].notna()]
-    assert (ends["low"] <= ends["value"] * (1 + 1e-5) + 1e-9).all()
-    assert (ends["value"] <= ends["high"] * (1 + 1e-5) + 1e-9).all()
+    ends = table[table["interval"].notna() & table["high"].notna()]
+    assert len(ends) > len(table) / 2
+    low, high = 1 - 1e-5, 1 + 1e-5
+    assert (ends["value"].between(low * ends["low"] - 1e-9, high * ends["high"] + 1e-9)).all()
     # the largest of n says how much lies below it, a count how large the share may be
     assert all(number.interval or number.note for number in made[0].numbers)
 
@@ -152,20 +146,6 @@ def test_what_is_no_sheet_is_refused(tmp_path, text):
 
 
 # --- the other renderer
-
-
-def test_page_shows_the_other_renderer_and_the_limits(made):
-    text = Read(made[1][sheet.PAGE]).text
-    shown = side_by_side(load_sweep("second_renderer"))
-    assert digits(shown["mm"].iloc[0]) in text
-    for fault in FAULTS:
-        assert text.count(fault) >= 2  # with two cameras, and with three
-    faults = by_fault(load_sweep("stress"), "paper_pair", BEST).set_index("fault")
-    assert digits(faults["mm"]["JPEG 60"]) in text
-    face = text.split("What these numbers are.")[0]
-    for name, *values in by_film(load_sweep("instant_films")).reset_index().values.tolist():
-        assert str(name) in face
-        assert all(digits(value) in face for value in values if isinstance(value, float))
 
 
 def test_readme_shows_the_shipped_sheet():

@@ -165,28 +165,6 @@ def test_another_reader_finds_the_poses_in_metres(contents):
         np.testing.assert_allclose(np.diag(spread)[3:], 1e-4, rtol=1e-6)  # rad^2
 
 
-def test_a_bag_becomes_the_recording_that_it_was(bag, folder, tmp_path):
-    unpack_bag(bag, tmp_path / "again")
-    before, handle = open_folder(folder)
-    after, same = open_folder(tmp_path / "again")
-    assert same == handle
-    assert set(after.rig.names) == set(before.rig.names)
-    np.testing.assert_allclose(after.times_s, before.times_s, atol=1e-9)  # ns
-    for name in RIG.names:
-        old, new = (r.rig.cameras[r.rig.names.index(name)] for r in (before, after))
-        np.testing.assert_array_equal(new.matrix, old.matrix)
-        # the rotation went through a quaternion, the length through metres
-        np.testing.assert_allclose(
-            new.T_cam_world.as_matrix(), old.T_cam_world.as_matrix(), atol=1e-9
-        )
-        for one, other in zip(
-            read_greys(sorted((folder / "images" / name).iterdir())),
-            read_greys(sorted((tmp_path / "again" / "images" / name).iterdir())),
-            strict=True,
-        ):
-            np.testing.assert_array_equal(one, other)
-
-
 def test_track_reads_a_bag(bag, folder, tmp_path):
     (file,) = bag.glob("*.mcap")
     # a bag does not say how well its cameras are known
@@ -320,30 +298,14 @@ def test_raw_images_of_others_are_read(tmp_path):
     np.testing.assert_allclose(first, np.tile(grey, (4, 1)), atol=0.51)  # rounded to whole levels
 
 
-def test_the_bytes_at_the_end_of_a_row_belong_to_no_image(tmp_path):
-    padded = greys(*([k, "mono8", (6, 4), 3] for k in (1, 2)))
-    unpack_bag(bag_of_two(tmp_path / "b", a__image=padded), tmp_path / "r")
-    for name in ("a", "b"):
-        for image in read_greys(sorted((tmp_path / "r" / "images" / name).iterdir())):
-            np.testing.assert_array_equal(image, np.full((4, 6), 70))
-    recording, handle = open_folder(tmp_path / "r")
-    np.testing.assert_allclose(recording.times_s, [1.0, 2.0], rtol=1e-12)
-    places = [camera.T_world_cam.translation for camera in recording.rig.cameras]
-    np.testing.assert_allclose(places, [[0, 0, 0], [1000, 0, 0]], atol=1e-9)
-    assert handle == CODED
-
-
 @pytest.mark.parametrize(
     ("encoding", "pixel", "big"),
     [
         ("8UC1", [70], 0),
         ("mono16", [0, 80], 0),
         ("mono16", [80, 0], 1),
-        ("16UC1", [80, 0], 1),
         ("bgr8", [70, 70, 70], 0),
-        ("8UC3", [70, 70, 70], 0),
         ("bgra8", [70, 70, 70, 255], 0),
-        ("rgba8", [70, 70, 70, 0], 0),
         ("bayer_grbg8", [70], 0),
         ("yuv422", [128, 70], 0),
         ("yuv422_yuy2", [70, 128], 0),
@@ -414,13 +376,11 @@ LENS = [-0.3, 0.1, *[0] * 6, 0.2, 0, 0, 0]  # thin prism
     ("topic", "made", "says"),
     [
         ("a__camera_info", lambda ros: [], "/a/camera_info: no message in it"),
-        ("b__camera_info", info("tripod"), "/tf_static does not say where 'tripod' stands"),
         ("a__camera_info", info("a", "equidistant"), "plumb_bob or .*, got 'equidistant'"),
         ("a__camera_info", info("a", lens=LENS), "/a/camera_info: distortions: expected k1, k2"),
         ("tf_static", lambda ros: [places_of(ros, {"a": "world", "b": "map"})], "got map, world"),
         ("a__second__image", greys([1]), "of camera a, got /a/image and /a/second/image"),
         ("handle_description", lambda ros: [], "no handle in it"),
-        ("handle_description", lambda ros: [text_of(ros, "name = ")], "no valid TOML"),
         ("a__image", greys([1]), "expected as many images of each camera.*: a 1, b 2"),
         ("a__image", greys([1], [2.8]), "instant 1: the cameras' images are 0.8 s apart"),
         ("b__image", greys([1, "mono8", (4, 6)], [2]), "image 0: expected 6 x 4 .*got 4 x 6"),
@@ -437,19 +397,12 @@ def test_what_makes_no_recording_is_said(tmp_path, topic, made, says):
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("bag r --out there", "exists already"),
         ("bag . --out b", "rig.toml"),
         ("bag r --poses timeless.csv --out b", "column 't_s' is empty"),
         ("bag r --joints early.csv --out b", "expected times from 0"),
         ("bag r --joints half.csv --out b", "'elbow_rad' is missing"),
-        (
-            "bag r --joints none.csv --out b",
-            "expected columns like shoulder_measured_rad, got none",
-        ),
-        ("bag r --joints words.csv --out b", "expected numbers in all columns"),
         ("bag r --joints nan.csv --out b", "expected finite numbers in all columns"),
         ("track bad.mcap --out p.csv", "bad.mcap"),
-        ("track none.mcap --out p.csv", "none.mcap"),
     ],
 )
 def test_what_cannot_be_written_or_read_is_said_in_one_line(
@@ -457,15 +410,12 @@ def test_what_cannot_be_written_or_read_is_said_in_one_line(
 ):
     monkeypatch.chdir(tmp_path)
     Path("r").symlink_to(folder)
-    Path("there", "mine").mkdir(parents=True)
     Path("bad.mcap").write_bytes(b"no bag")
     poses = pd.read_csv(folder.parent / "poses.csv", dtype=str)
     for name, table in {
         "timeless": poses.assign(t_s=""),
         "early": JOINTS.assign(t_s=[-1.0, 0.0]),
         "half": JOINTS[["t_s", "elbow_measured_rad"]],
-        "none": JOINTS[["t_s"]],
-        "words": JOINTS.assign(wrist_rad=["0.1", "bent"]),
         "nan": JOINTS.assign(wrist_rad=[0.1, np.nan]),
     }.items():
         table.to_csv(f"{name}.csv", index=False)

@@ -1,17 +1,13 @@
 """The estimators on the second renderer's images: the shipped table, and how it is shown."""
 
-from itertools import product
-
 import numpy as np
 import pytest
 import second_renderer as study
-from scipy.spatial.transform import RigidTransform
 
 from satellites.second import recipe
 from trinolab.datasets import load_sweep
-from trinolab.methods import BEST
 from workbench.studies.replication import EVERY, Deviation
-from workbench.studies.second_renderer import FILM, OURS, SECOND, side_by_side
+from workbench.studies.second_renderer import OURS
 
 TABLE = load_sweep("second_renderer")
 DIGITS = 1e-5  # of the shipped table
@@ -45,28 +41,6 @@ def test_a_row_by_hand():
     assert np.isnan(study.judged([lost])["mean_mm"])
 
 
-def test_table_is_whole():
-    keys = ["handle", "renderer", "rig", "estimator"]
-    stills = product(recipe.HANDLES, (SECOND, OURS), recipe.RIGS, EVERY)
-    film = (recipe.FILM_HANDLE, SECOND, recipe.FILM_RIG, FILM)
-    assert list(TABLE[keys].itertuples(index=False, name=None)) == [*stills, film]
-    assert set(TABLE["n"]) == {20 + recipe.RANDOM_POSES, recipe.FILM_FRAMES}
-
-
-def test_side_by_side_has_the_own_bench_beside_the_other():
-    shown = side_by_side(TABLE, (BEST,))
-    assert len(shown) == len(recipe.HANDLES) * len(recipe.RIGS) + 1
-    for row in shown[:-1].to_dict("records"):
-        keys = row["rig"], row["handle"], BEST
-        other, own = shipped(SECOND, *keys), shipped(OURS, *keys)
-        assert (row["mm"], row["mm, own"]) == (other["mean_mm"], own["mean_mm"])
-        assert row["by sigma, deg"] == other["error_by_sigma_deg"]
-        assert row["by sigma, deg, own"] == own["error_by_sigma_deg"]
-    film = shown.iloc[-1]
-    assert film["estimator"] == FILM
-    assert np.isnan(film["mm, own"])
-
-
 @pytest.mark.heavy
 @pytest.mark.parametrize("handle_name", recipe.HANDLES)
 def test_all_rows_of_our_bench_are_made_again(handle_name):
@@ -98,6 +72,3 @@ def test_a_recording_is_rendered_once_for_each_recipe(tmp_path, monkeypatch):
     assert rendered == [shooting, brighter]
     assert folders[0] == folders[1] != folders[2]
     assert set((tmp_path / "new" / "kept").iterdir()) == set(folders)
-
-
-TRUTHS = [RigidTransform.from_translation([0.0, 0.0, z]) for z in (500.0, 600.0)]
