@@ -98,12 +98,6 @@ CASES = {
     "the same result twice": [("o", y("5")), ("-", y("x"))],
 }
 
-# differs from one whole run to the next
-UNREPEATABLE = [
-    ("o", "import numpy as np"),
-    ("-", y("np.random.normal() * x")),
-]
-
 
 def write(path, cells):
     """Write a notebook of cells with their tags (o, f, -); its parameter is ``x = 1``."""

@@ -8,7 +8,7 @@ from scipy import stats
 
 from trinolab.datasets import data_path
 from workbench.studies.claim_draws import TRIALS
-from workbench.studies.protocol import Trial, load_claims, load_trials
+from workbench.studies.protocol import load_claims, load_trials
 from workbench.studies.ranges import load_ranges
 
 QUICK = ("concealed", "forecast", "calibration", "rendered_mean", "recorded_instant")
@@ -84,12 +84,3 @@ def test_intervals_are_scipys(statistic, a, b, value, expected):
 
 
 # --- the run
-
-
-def test_draws_that_say_nothing_of_a_check_do_not_count():
-    of_nothing = dict.fromkeys(claims.checks_of("concealed"), (0.0, 0.0))
-    one = {**dict.fromkeys(of_nothing, (1.0, 1.0)), "plain_mean": (3.0, 4.0)}
-    found = claims.results_of("concealed", Trial(3, 7, ""), [of_nothing, one, of_nothing])
-    row = found.set_index("check").loc["plain_mean"]
-    assert row["value"] == pytest.approx(np.sqrt(3 / 4))  # an rms
-    assert (row["n"], row["draws"], row["seed"]) == (1, 3, 7)

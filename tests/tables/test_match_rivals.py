@@ -2,7 +2,9 @@
 
 from itertools import permutations
 
+import match_rivals as script
 import numpy as np
+import pandas as pd
 import pytest
 
 from workbench.studies import match_rivals
@@ -79,3 +81,18 @@ def test_counts_by_hand():
         "missing": 1,
     }
     assert as_set(match_rivals.by_layout(*shot.labels)) == {(2, 1), (3, 0)}
+
+
+def test_shares_of_draws_have_intervals():
+    """Of 300 pairs without a wrong one 1.3 % may be wrong (Wilson); the two draws miss 5 and 10 of 50."""
+    of_each = {
+        "given": [100, 200],
+        "missing": [5, 10],
+        "sum_mm": [1.0, 1.2],
+        "sum_deg": [20.0, 2.0],
+    }
+    counted = {"instants": 12, "wrong": 0, "due": 50, "posed": 12, "compared": [10, 12]}
+    row = script.shares(pd.DataFrame({**counted, **of_each}))
+    assert row["wrong_percent_high"] == pytest.approx(100 * 1.96**2 / (300 + 1.96**2), abs=0.01)
+    assert [row[f"missing_percent{end}"] for end in ("", "_low", "_high")] == [15, 10, 20]
+    assert (row["E_t_mm"], row["angle_deg"]) == pytest.approx((0.1, 1.0))

@@ -47,11 +47,6 @@ def test_models_that_err_by_cameras_alone_are_all_refused():
     assert max(FACTS.by_cameras.values()) < 0.05
 
 
-def test_what_is_left_sets_positions_and_angles_wrongly():
-    assert FACTS.models == 19
-    assert FACTS.left == ("set positions + zeros of the set angles", "clamped anew")
-
-
 @pytest.mark.parametrize(
     ("change", "part"),
     [

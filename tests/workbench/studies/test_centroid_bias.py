@@ -47,15 +47,6 @@ def test_along_is_towards_the_limb_and_across_clockwise():
     assert left["across"].to_numpy() == pytest.approx(-0.5, abs=0.02)
 
 
-def test_missing_and_broken_centroids_are_missed():
-    truth = centres(STRAIGHT, PAPER, UPRIGHT)
-    shown = centroid_errors(STRAIGHT, PAPER, UPRIGHT, truth, truth)
-    for found in (np.empty((0, 2)), truth + 5.0):
-        errors = centroid_errors(STRAIGHT, PAPER, UPRIGHT, found, truth)
-        assert len(errors) == len(shown)
-        assert errors[["along", "across"]].isna().all(axis=None)
-
-
 def test_report_finds_bias_scatter_and_noise():
     """3,000 views of one marker: bias that grows with the slant, scatter from view to view, noise
     from draw to draw.

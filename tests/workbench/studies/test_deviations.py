@@ -3,11 +3,9 @@ must not remove.
 """
 
 import numpy as np
-import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.datasets import load_table1
-from trinolab.metrics import pose_errors
 from trinolab.pose import rigid_fit
 from workbench.studies.deviations import (
     Source,
@@ -15,9 +13,7 @@ from workbench.studies.deviations import (
     drawn,
     exact,
     first_order,
-    means,
     registered,
-    rms,
     together,
 )
 
@@ -44,22 +40,6 @@ def test_errors_to_first_order_are_the_exact_ones_where_they_are_small():
         np.testing.assert_allclose(a, b[0], rtol=0, atol=3e-6)
 
 
-def test_means_are_those_of_metrics():
-    poses = poses_off_by(small(2, 0.5))
-    e = pose_errors(poses, TRUTHS)
-    expected = [e.E_t_mm, e.E_alpha_deg, e.E_beta_deg, e.E_gamma_deg, e.geodesic_mean_deg]
-    np.testing.assert_allclose(means(exact([poses], TRUTHS)), expected, rtol=1e-12)
-
-
-def test_rms_by_hand():
-    table = np.zeros((2, 20, 6))
-    table[0, :, 0], table[0, :, 1] = 3.0, 4.0
-    table[1, :, 5] = 2.0  # about z: alpha alone
-    np.testing.assert_allclose(
-        rms(first_order(table, TRUTHS)), [5 / np.sqrt(2), np.sqrt(2), 0, 0, np.sqrt(2)], atol=1e-12
-    )
-
-
 def test_draws_have_the_covariance_of_the_roots():
     rng = np.random.default_rng(3)
     a, b = (
@@ -82,9 +62,3 @@ def test_registration_is_a_rigid_fit_of_the_positions():
     np.testing.assert_allclose(
         registered(tables, TRUTHS, rows)[1], deviations(T * measured, TRUTHS), atol=1e-7
     )
-
-
-@pytest.mark.parametrize("rows", [(0,), (0, 1), (4, 4, 4)])
-def test_registration_refuses_too_few_places(rows):
-    with pytest.raises(ValueError, match="rows: expected three or more"):
-        registered(small(7), TRUTHS, rows)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from executed import as_it_stands
 
-from trinolab.datasets import load_table1, paper_rig
 from workbench.cli.arguments import parser
 from workbench.studies import gallery
 from workbench.studies.gallery import (
@@ -17,8 +16,6 @@ from workbench.studies.gallery import (
     command,
     load,
     settings,
-    with_baseline,
-    with_vergence,
 )
 from workbench.studies.ground_truth import Regions
 from workbench.sweep.grid import parse, runs
@@ -70,41 +67,6 @@ def test_page_has_the_command_and_the_table(name):
 
 
 # --- what the trials change
-
-
-PAIR = paper_rig()
-MIDDLE = load_table1().set_poses.translation.mean(axis=0)
-
-
-def axis(camera):
-    return camera.T_world_cam.apply([0.0, 0.0, 1.0]) - camera.centre
-
-
-def angle_deg(rig):
-    return np.rad2deg(np.arccos(axis(rig.cameras[0]) @ axis(rig.cameras[1])))
-
-
-@pytest.mark.parametrize("baseline_mm", [20.0, 75.0, 300.0])
-def test_another_baseline_keeps_the_work_in_the_same_place_of_both_images(baseline_mm):
-    moved = with_baseline(PAIR, baseline_mm)
-    first, second = moved.cameras
-    assert first == PAIR.cameras[0]
-    way = PAIR.cameras[1].centre / np.linalg.norm(PAIR.cameras[1].centre)
-    np.testing.assert_allclose(second.centre, baseline_mm * way, atol=1e-9)
-    np.testing.assert_allclose(
-        second.project([MIDDLE]), PAIR.cameras[1].project([MIDDLE]), rtol=0, atol=1e-6
-    )
-
-
-@pytest.mark.parametrize("vergence_deg", [0.0, 4.0, 30.0])
-def test_another_vergence_turns_both_cameras_alike_where_they_stand(vergence_deg):
-    turned = with_vergence(PAIR, vergence_deg)
-    assert angle_deg(turned) == pytest.approx(vergence_deg, abs=1e-5)
-    pairs = list(zip(PAIR.cameras, turned.cameras, strict=True))
-    first, second = (axis(before) @ axis(after) for before, after in pairs)
-    assert first == pytest.approx(second, abs=1e-12)  # cosines
-    for before, after in pairs:
-        np.testing.assert_allclose(after.centre, before.centre, atol=1e-12)
 
 
 def test_a_step_of_the_light_is_false_as_printed_and_cured(monkeypatch):

@@ -4,14 +4,11 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
-import pytest
-from scipy.spatial.transform import RigidTransform
 
-from trinolab.datasets import load_handle, load_rig
+from trinolab.datasets import load_handle
 from trinolab.kalman import KalmanParameters
 from trinolab.parameters import Parameters
 from trinolab.window import Window
-from workbench.studies.claim_trials import searched
 from workbench.studies.markertrack import follow, step
 
 CODED = load_handle("coded")
@@ -83,17 +80,3 @@ def test_after_a_jump_the_filter_starts_anew():
     np.testing.assert_array_equal(after.motion.mean[2:], 0.0)
     after, look = step(after, discs(moved + 20.0), TIMES[9], CODED, WHOLE, PARAMETERS)
     assert look.used
-
-
-def test_the_truth_tells_false_markers_and_a_window_has_fewer():
-    """Discs twice, and the handle elsewhere: all that is found is false."""
-    camera = load_rig("raised_40deg").cameras[0]
-    T = RigidTransform.from_translation([400.0, 0, 570])  # out of sight
-    images = [discs((200, 200), (600, 500), size=camera.size)] * 3
-    windows = [Window(0, 0, *camera.size), Window(120, 120, 160, 160), None]
-    found = searched(images, windows, camera, CODED, [T, T, T])
-    assert (found.found, found.false) == (15, 15)
-    assert found.area == pytest.approx((1 + 25_600 / (1280 * 1024)) / 2)
-    assert found.seconds > 0
-    with pytest.raises(ValueError, match="expected an instant"):
-        searched(images[:1], windows[:1], camera, CODED, [None])

@@ -95,15 +95,6 @@ def test_table_1_by_hand(no, value, verdict):
     assert row["verdict"] == verdict
 
 
-def test_a_drawn_row_has_its_interval_n_and_seed():
-    row = dict(zip(COLUMNS, score(claim("11")), strict=True))
-    stored = module.drawn_results()["share_measured"]
-    assert (row["ours"], row["low"], row["high"], row["n"], row["seed"]) == stored
-    assert row["low"] <= row["ours"] <= row["high"]
-    assert (row["n"], row["seed"], row["kind"]) == (120, 1706, "replication as corrected")
-    assert row["criterion"] == claim("11").criterion
-
-
 def test_a_value_is_quoted_with_its_unit_interval_and_draws():
     stored = pd.read_csv(data_path("claims_results.csv")).set_index("check")
     row = stored.loc["replication_position"]

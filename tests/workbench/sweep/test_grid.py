@@ -20,7 +20,6 @@ def values(text):
         ("a=0.5:0.95:10", [0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95]),
         ("a=0:1:3", [0.0, 0.5, 1.0]),
         ("a=8:24:3", [8, 16, 24]),
-        ("a=3:1:3", [3, 2, 1]),
         ("a=log:0.01:100:5", [0.01, 0.1, 1.0, 10.0, 100.0]),
         ("a=0,1,2", [0, 1, 2]),
         ("a = 1.5, 2 ", [1.5, 2]),
@@ -29,7 +28,6 @@ def values(text):
         ("a=paper,raised_40deg", ["paper", "raised_40deg"]),
         ("a='x, y',\"0:1:2\"", ["x, y", "0:1:2"]),
         ("a=[1, 2.5],[3]", [[1, 2.5], [3]]),
-        ("a=0x10,1_000", [16, 1000]),
     ],
 )
 def test_what_can_be_typed(text, expected):
@@ -47,7 +45,6 @@ def test_what_can_be_typed(text, expected):
         ("a={b=1}", "expected a:b:n"),
         ("a=0:1:x", "'x' is no number"),
         ("a=0:1:2:3", "is no value"),
-        ("a=0:true:3", "'true' is no number"),
         ("a=0:1:2.5", "points, got 2.5"),
         ("a=0:1:1000000000", "expected 2 to"),
         ("a=1:0", "expected an interval that goes up"),

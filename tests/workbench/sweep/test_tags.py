@@ -12,7 +12,7 @@ from chapterruns import OTHER_PARAMETERS, SMALL
 from chapters import NOTEBOOKS, is_study
 from makenotebook import glued, make_notebook
 from processes import ended, is_running, started, wait_until
-from sweepcases import CASES, UNREPEATABLE, write
+from sweepcases import CASES, write
 
 from workbench.browser.sweeps import SWEEPS
 from workbench.sweep import agreement, sweep
@@ -54,13 +54,6 @@ def test_a_case_gives_the_whole_table_or_an_error_in_a_line(tmp_path, name):
         return
     whole = sweep(path, x=[1, 2], progress=False, whole=True)
     assert results(table[list(whole.columns)]) == results(whole)
-
-
-@pytest.mark.heavy
-def test_what_differs_from_one_whole_run_to_the_next_is_refused(tmp_path):
-    path = write(tmp_path / "n.ipynb", UNREPEATABLE)
-    with pytest.raises(ValueError, match="as tagged"):
-        sweep(path, x=[1, 2], progress=False)
 
 
 @pytest.mark.parametrize(

@@ -132,10 +132,6 @@ def test_rest_in_numbers():
     one, long = [n for n in answer.numbers if n.what == "Allan deviation, position"]
     assert one.value == pytest.approx(0.01 * np.sqrt(3), rel=0.05)
     assert long.low < one.value / np.sqrt(32) < long.high
-    drift = value(answer, "drift, position", "steepest of all axes")
-    # of 27 lines the steepest is less than four standard deviations from none
-    spread = 60 * 0.01 / (np.std(np.arange(200) / FPS) * np.sqrt(200))
-    assert abs(drift.value) < 4 * spread
     all_at_rest = [as_track(rows) for rows in found]
     assert rest.jitter_of(all_at_rest) == pytest.approx((0.01, 0.1), rel=0.04)
     # only what was timed says how long a measurement takes; poses of a file bring no times along
@@ -159,9 +155,6 @@ def test_a_rest_with_gaps_has_its_jitter_and_no_allan_deviation():
     assert not [one for one in answer.numbers if "Allan" in one.what]
     assert not answer.pictures
     assert "No Allan deviation: instants are missing at every place." in answer.notes
-    hardly = rest.judge(setup(), [rows_of([T] * 12, lost=range(2, 12))])
-    assert (hardly.numbers, hardly.pictures) == ([], [])
-    assert hardly.notes == ["No place was measured in eight instants."]
 
 
 def test_a_recording_is_at_rest_or_not():
