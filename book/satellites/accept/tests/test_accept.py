@@ -86,7 +86,9 @@ def test_cameras_that_do_not_hold_the_handle_in_common_are_refused(rig, turn, lo
     back = RigidTransform.from_rotation(Rotation.from_rotvec([0, turn, 0]))
     turned = replace(first, T_cam_world=first.T_cam_world * back)
     coded = load_handle("coded")
-    long = replace(coded, top_mm=longer * coded.top_mm, length_mm=longer * coded.length_mm)
+    rows = tuple(tuple(longer * row for row in column) for column in coded.rows_mm)
+    top, length = longer * coded.top_mm, longer * coded.length_mm
+    long = replace(coded, rows_mm=rows, top_mm=top, length_mm=length)
     with pytest.raises(ValueError, match=said):
         field_of(Rig((turned, *others)), long)
 
@@ -725,7 +727,7 @@ def test_the_covariance_of_a_pose_is_the_inverse_of_its_pixels_information():
     rig, handle = load_rig("raised_40deg"), load_handle("coded")
     turn = Rotation.from_euler("ZYX", [5, 190, 8], True)
     T = RigidTransform.from_components([10.0, 5.0, 560.0], turn)
-    centres, normals = T.apply(handle.marker_centres), turn.apply(handle.marker_normals)
+    centres, normals = T.apply(handle.marker_centres), handle.marker_normals @ turn.as_matrix().T
     slants = [slant_angles(centres, normals, camera.centre) for camera in rig.cameras]
     seen = [slant < np.deg2rad(field_map.MAX_SLANT_DEG) for slant in slants]
 
