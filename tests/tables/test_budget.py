@@ -1,4 +1,4 @@
-"""The error budget: its sums, its check without linearisation, and the shipped tables against lines
+"""The error budget: its sums, its exact chain, and the shipped tables against lines
 computed anew.
 """
 

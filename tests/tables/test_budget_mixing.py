@@ -1,4 +1,4 @@
-"""Sizes that are put in come out, and what cannot explain the targets says so."""
+"""Sizes that are put in come out, and every source of a pair helps."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a calibration that is off costs: patterns of errors, the shipped table, and its theory."""
+"""What a calibration that is off costs: patterns of errors, and the level at a limit."""
 
 import numpy as np
 import pandas as pd

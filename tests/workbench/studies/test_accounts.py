@@ -1,5 +1,5 @@
-"""The two accounts of Table 1: constants recovered from rotations that have them, a two-sided fit
-by another algorithm, intervals by tables and by SciPy.
+"""The two accounts of Table 1: constants recovered from rotations that have them, intervals by
+tables and by SciPy.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""The study of an instant's time: its films, what a row says, and what of the shipped table is kept."""
+"""The study of an instant's time: its films, and what a row says."""
 
 import numpy as np
 import pandas as pd

@@ -1,4 +1,4 @@
-"""The statistics of the pattern by hand, p values that a model's own tables give, and the size of
+"""The statistics of the pattern by hand, their distribution for white errors, and the size of
 a smooth cause against brute force.
 """
 

@@ -1,4 +1,4 @@
-"""The estimators on the second renderer's images: the shipped table, and how it is shown."""
+"""The estimators on the second renderer's images: a row by hand, and the shipped table."""
 
 import numpy as np
 import pytest
