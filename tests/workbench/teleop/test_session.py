@@ -1,5 +1,4 @@
-"""The chain behind the tracker: from poses to the arm, and what it feels.
-"""
+"""The chain behind the tracker: from poses to the arm, and what it feels."""
 
 import numpy as np
 import pytest
