@@ -188,6 +188,16 @@ def test_leds_are_in_front_of_every_camera_and_where_it_sees_them():
     assert SETS["pymvg_mcsc"].reference["reprojection_median_px"] < np.nanmedian(errors)
 
 
+@pytest.mark.parametrize("scale", [1.0, -1.0, 2.5])
+def test_projection_matrices_have_no_scale(scale):
+    K = np.array([[400.0, 3, 320], [0, 410, 240], [0, 0, 1]])
+    R, t = Rotation.from_rotvec([0.3, -2.0, 0.4]), [1, 2, 3.0]
+    found = real_recordings.decomposed(scale * K @ np.column_stack([R.as_matrix(), t]))
+    np.testing.assert_allclose(found[0], K, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found[1].as_matrix(), R.as_matrix(), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found[2], t, rtol=0, atol=1e-12)
+
+
 # --- a board in four webcams
 
 
