@@ -54,7 +54,7 @@ def test_what_is_assumed_of_the_cameras():
     printed = datasets.load_calibration().R_rl
     nearest = nearest_rotation(printed).as_matrix()
     off = np.abs(printed - nearest).max()
-    page_says_assumed(f"entries are off by up to {off:.4f}, {WORDS[round(off / 5e-5)]} times")
+    page_says_assumed(f"entries err by up to {off:.4f}, {WORDS[round(off / 5e-5)]} times")
     uv = [one.project(POSES.translation) for one in RIG.cameras]
     rays = [one.rays(pixels) for one, pixels in zip(RIG.cameras, uv, strict=True)]
     # Eq. 20's first form, the printed matrix's transpose for its inverse
@@ -114,7 +114,7 @@ def test_what_a_bent_board_and_a_late_pose_are_assumed_to_cost():
     costs = draws.groupby("check").a.mean()
     times = costs["calibration_cost_bent_20um"] / costs["calibration_cost_flat"]
     assert round(times) == 3
-    page_says_assumed("a bend of 0.02 mm of which the calibration knows nothing triples what")
+    page_says_assumed("a bend of 0.02 mm that the calibration ignores triples what")
     ages = [1e3 * (0.005 + 1 / 30 + measurement) for measurement in (0.0105, 0.015)]
     page_says_assumed(
         f"A pose is {ages[0]:.0f} ms old", f"with two cameras, {ages[1]:.0f} ms in all"
