@@ -146,22 +146,3 @@ def test_a_run_that_raises_has_failed_and_the_next_is_as_if_nothing_were(toy):
     assert negative["results"]["root"] is None  # JSON has no NaN
     with pytest.raises(ValueError, match="a: expected float"):
         sweeping.run("text")
-
-
-@pytest.mark.slow
-def test_the_runs_are_drawn_and_listed(toy):
-    for value in (1.0, 2.0, -1.0):
-        sweeping.run(value)
-    rows = [
-        {"value": value, "outcome": {name: it for name, it in one.items() if name != "type"}}
-        for value, one in zip((1.0, 2.0, -1.0), toy, strict=True)
-    ]
-    sweeping.ROWS.write_text(json.dumps({"parameter": "a", "rows": rows}))
-    sweeping.draw()
-    head, *lines = toy[-1]["csv"].splitlines()
-    assert head == "a,before,result,taken,root,words,seconds,status,error"
-    assert [line.split(",")[2] for line in lines] == ["20.0", "40.0", "-20.0"]
-    assert lines[2].split(",")[4] == ""
-    assert toy[-1]["alt"].startswith("Curves over a of result, root")
-    assert toy[-1]["png"].startswith("iVBOR")
-    assert toy[-1]["table"].count("<tr") == 4

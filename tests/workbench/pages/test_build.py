@@ -3,13 +3,11 @@
 import inspect
 import json
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import nbformat
 import pytest
-import yaml
 from makenotebook import glued, make_notebook
 
 from workbench.pages import build
@@ -215,33 +213,3 @@ def test_the_pages_are_stale_when_a_docstring_has_changed(book):
     assert build.pages_made_from() == before
     (book / "trinolab" / "pose.py").write_text('"""The pose."""')
     assert build.pages_made_from() != before
-
-
-@pytest.fixture
-def small_book(tmp_path):
-    """Eight pages with the configuration of the book."""
-    config = yaml.safe_load((ROOT / "_config.yml").read_text(encoding="utf-8"))
-    config["html"].pop("favicon")
-    config["sphinx"]["config"]["html_css_files"] = []
-    names = [f"book/page{k}" for k in range(8)]
-    toc = {"format": "jb-book", "root": names[0], "chapters": [{"file": one} for one in names[1:]]}
-    for name, said in (("_config.yml", config), ("_toc.yml", toc)):
-        (tmp_path / name).write_text(yaml.safe_dump(said, sort_keys=False))
-    for folder in ("book/_static", "book/_templates"):
-        (tmp_path / folder).mkdir(parents=True)
-    (tmp_path / "book" / "references.bib").touch()
-    for name in names:
-        (tmp_path / f"{name}.md").write_text("# A page\n\nText.\n")
-    return tmp_path
-
-
-@pytest.mark.heavy
-def test_a_warning_of_any_page_fails_the_build_in_several_processes(small_book):
-    for page in ("page2", "page6"):
-        (small_book / "book" / f"{page}.md").write_text("# A page\n\n{ref}`nowhere`\n")
-    (small_book / "book" / "page4.md").write_text("# A page\n\n```{nothing}\n```\n")
-    command = [*build.BUILD_COMMAND, "--pages", str(small_book)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert done.stderr.count("undefined label: 'nowhere'") == 2
-    assert "Unknown directive type: 'nothing'" in done.stderr

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import nbformat
 import pytest
-from chapters import NOTEBOOKS
-from executed import as_it_stands
 from nbformat.v4 import new_code_cell, new_notebook, new_output
 
 from workbench.pages import hour
@@ -78,11 +76,3 @@ def test_what_a_chapter_lacks_is_named(kind, name):
         getattr(quoted, kind).pop(name, None)
     with pytest.raises(ValueError, match=f"hour: chapter . has no '{name}' among its {kind}"):
         hour.text_and_pictures(chapters)
-
-
-@pytest.mark.heavy
-def test_every_value_is_glued_in_its_chapter():
-    known = {
-        (int(path.stem[:2]), name) for path in NOTEBOOKS for name in as_it_stands(path).results
-    }
-    assert {(int(chapter), name) for _, chapter, name in VALUES} <= known

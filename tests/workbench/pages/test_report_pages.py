@@ -61,7 +61,6 @@ def row(difference=0.1, low=0.05, high=0.15, **changes):
         ((0.1, -0.05), False),
         ((0.1, -0.2, -0.1), True),
         ((1e-5, 1e-6, 2e-5), False),
-        ((0.0, 0.0, 0.0), False),
         ((0.1, np.nan, np.nan), True),
         ((1e-6, np.nan, np.nan), False),
         ((np.nan,), False),
@@ -70,12 +69,6 @@ def row(difference=0.1, low=0.05, high=0.15, **changes):
 def test_a_change_is_shown_where_it_is_no_chance(changes, shown):
     table = pd.DataFrame([row(), row(*changes)])
     assert report_pages.is_shown(next(table.tail(1).itertuples())) == shown
-
-
-def test_the_table_has_each_change_once():
-    text = report_pages.sensitivity(TABLE)
-    for instead in TABLE["instead"].unique():
-        assert text.count(f" {instead}\n") + text.count(f" ({instead})") == 1, instead
 
 
 def test_the_conclusion_names_what_reaches_the_papers_number():
@@ -105,17 +98,6 @@ def test_what_is_beyond_chance_is_marked():
     for said in ("In all 4 intervals", "Of these 3 have", "3 are shown", "correction 1 stay"):
         assert said in text
     assert report_pages.sensitivity(table).count(" ?") == 2
-
-
-def test_the_shipped_table_names_how_many_may_be_chance():
-    """The intervals and those shown, counted by the columns alone."""
-    drawn = TABLE[TABLE["low"].notna()]
-    out = drawn[(drawn["low"] > 0) | (drawn["high"] < 0)]
-    out = out[out["low"] < out["high"]]
-    out = out[out["difference"].abs() > 0.01 * out["as_assumed"].abs()]
-    text = report_pages.by_chance(TABLE)
-    assert f"In all {len(drawn)} intervals" in text
-    assert f"and {len(out)} are shown" in text
 
 
 @pytest.mark.parametrize(

@@ -20,30 +20,24 @@ from workbench.plotting.basics import (
     show_table,
 )
 from workbench.plotting.calibration import plot_boards, plot_residuals
-from workbench.plotting.estimators import plot_by_slant, plot_estimators, plot_shifts
+from workbench.plotting.estimators import plot_by_slant
 from workbench.plotting.gallery import plot_factor
 from workbench.plotting.kalman import (
     plot_beliefs,
-    plot_normals,
     plot_prediction,
     plot_tracks,
 )
 from workbench.plotting.markers import plot_over_slant, plot_rod_section, plot_thresholds
 from workbench.plotting.matching import plot_epipolar_plane
 from workbench.plotting.pose import plot_frames, plot_two_rays
-from workbench.plotting.structure import plot_chain, plot_rig
+from workbench.plotting.structure import plot_rig
 from workbench.plotting.table1 import (
     plot_budget,
     plot_errors_in_space,
-    plot_null,
-    plot_over_beta,
     plot_pose_errors,
-    plot_power,
     plot_refused,
 )
 from workbench.plotting.workspace import show_cones_from_above
-
-SMALLEST_PT, WIDEST_IN = 9, 6.9
 
 
 def drawn(figure):
@@ -71,15 +65,6 @@ def same(one, other):
     return one.shape == other.shape and np.allclose(one, other, atol=1e-9, equal_nan=True)
 
 
-def is_legible(figure):
-    """Whether it fits the page's column, and no text is smaller than 9 pt."""
-    figure.canvas.draw()
-    texts = [t for t in figure.findobj(plt.Text) if t.get_text() and t.get_visible()]
-    return (
-        figure.get_figwidth() <= WIDEST_IN and min(t.get_fontsize() for t in texts) >= SMALLEST_PT
-    )
-
-
 MASK = np.array([[True, True, True, False, False]])
 INSIDE = np.array([[True, False, False, True, False]])
 OUTSIDE = np.array([[False, True, False, False, True]])
@@ -95,16 +80,12 @@ ENDS = {"a": {"one": [[2.0, 3.0], [1.0, 2.5], [4.0, 3.5]]}, "b": {"one": [2.0, 3
 SLANTED = pd.DataFrame(
     {"slant_deg": [0.0, 20.0, 60.0], "along": [0.1, -0.7, 0.2], "across": [0.0, 0.3, 9.0]}
 )
-MEANS = pd.DataFrame({name: [0.06, 0.07] for name in "abcdefg"}, ["pair", "three"])
-TARGET = pd.DataFrame({"mm": [0.012, 0.03]}, ["three", "pair"])  # found by name, not by place
-AT, SHIFT = np.array([[3.0, 4], [-3, 4]]), np.array([[-0.1, 0.0], [-0.3, -0.2]])
 GREY = np.full((30, 40), 60, np.uint8)
 X, ERRORS = np.arange(12.0).reshape(4, 3), np.ones((4, 3)) * [0.1, -0.2, 0.3]
 BUDGET = pd.DataFrame(
     {"group": ["certain", "certain", "sum"], "mm": [0.1, 0.2, 0.22], "deg": [1.0, np.nan, 1.5]},
     index=["a", "b", "both"],
 )
-POWER = {"three": [0.05, 0.7, 1], "one": [0.05, 0.9, 1]}
 CURVES = {"a": ([1, 2], [[3.0, 2.0, 5.0], [4.0, np.nan, np.nan]])}
 UV = np.array([[[[100.0, 50.0], [200.0, 80.0], [300.0, 90.0]]]])
 RESIDUALS = np.array([[[[0.3, 0.0], [0.0, -0.4], [np.nan, np.nan]]]])
@@ -161,13 +142,6 @@ FIGURES = {
         ({"plain": SLANTED, "registered": SLANTED / 10}, 0.5),
         ([0.1, -0.5, 0.2], [0.01, -0.07, 0.02], [0.0, 0.3, 0.5], [0.0, 0.03, 0.5]),
     ),
-    "estimators": (plot_estimators, ({"mm": MEANS}, {"target": TARGET}), [[0.06, 0.07]] * 7),
-    "shifts": (
-        plot_shifts,
-        ({"one": (AT, SHIFT)}, {"one": {"a": [0, 2], "b": [3, 0]}}, 5.0, 10),
-        (AT, 10 * SHIFT),
-    ),
-    # 0.5: no contour
     "thresholds": (
         plot_thresholds,
         (
@@ -194,24 +168,7 @@ FIGURES = {
         (BUDGET, {"mm": "E_t / mm", "deg": "angle / deg"}),
         ([0.1, 0.2, 0.22], [1.0, np.nan, 1.5]),
     ),
-    "over beta": (
-        plot_over_beta,
-        ([30, 60], {"alpha": {"Table 1": [0.5, 0.6], "model": [0.1, 2]}}, "ox"),
-        ([0.5, 0.6], [0.1, 2]),
-    ),
-    "null": (
-        lambda *of: plot_null(*of).figure,
-        ({"white": np.full(10, 0.1)}, 0.08, "share", (0, 1)),
-        ([0.08, 0.08],),
-    ),
-    "power": (
-        plot_power,
-        ([0.0, 10.0, 20.0], [0.0, 0.1, 0.2], 0.31, POWER),
-        ([[0, 0.0], [10, 0.1], [20, 0.2]], [0.31, 0.31], *POWER.values()),
-    ),
 }
-
-OF_TABLE1 = {"errors in space", "budget", "over beta", "null", "power"}
 
 
 @pytest.mark.parametrize("name", FIGURES)
@@ -221,7 +178,6 @@ def test_what_is_given_is_drawn(name):
     left = drawn(figure)
     for wanted in expected:
         assert any(same(wanted, one) for one in left), wanted
-    assert name not in OF_TABLE1 or is_legible(figure)
 
 
 def test_a_table_shows_every_number_in_its_place():
@@ -244,15 +200,6 @@ def test_every_position_of_the_board_is_drawn_and_both_ways_lead_to_it():
     np.testing.assert_allclose(dotted[0][0], dotted[1][0])
 
 
-def test_densities_have_the_area_one_and_their_peak_at_the_mean():
-    ax = plot_normals({"guess": (2.0, 4.0), "observation": (7.0, 1.0)}, "place")
-    curves = [line for line in ax.lines if not line.get_label().startswith("_")]
-    for line, mean in zip(curves, (2.0, 7.0), strict=True):
-        x, y = line.get_data()
-        assert np.trapezoid(y, x) == pytest.approx(1.0, abs=2e-3)  # 3.5 standard deviations
-        assert x[y.argmax()] == pytest.approx(mean, abs=np.diff(x).max())
-
-
 def test_a_belief_is_drawn_one_standard_deviation_from_its_mean():
     mean, P = np.array([1.0, -2.0]), np.array([[13.0, 9.0], [9.0, 9.0]])
     ax = plot_beliefs({"predicted": (mean, P)}, "place", "speed")
@@ -270,15 +217,6 @@ def test_the_gate_is_an_ellipse_that_holds_its_share_of_the_innovations():
     edge = gate.get_patch_transform().transform(gate.get_path().vertices[:25:3]) - middle
     squared = np.einsum("ki,ij,kj->k", edge, np.linalg.inv(S), edge)
     np.testing.assert_allclose(squared, chi2.ppf(0.9, 2), rtol=1e-6)
-
-
-@pytest.mark.parametrize("stages", [("window",), ("points", "pose")])
-def test_stages_of_the_chain_are_lit(stages):
-    boxes = [text for text in plot_chain(*stages).axes[0].texts if text.get_text()]
-    colours = [box.get_bbox_patch().get_facecolor() for box in boxes]
-    usual = max(set(colours), key=colours.count)
-    lit = [box for box, colour in zip(boxes, colours, strict=True) if colour != usual]
-    assert [box.get_text().split("\n")[0] for box in lit] == list(stages)
 
 
 def test_the_section_has_the_marker_on_the_rod_and_its_image_below():
@@ -328,15 +266,7 @@ def test_two_rays_cross_in_the_marker_they_come_from():
     lines = {line.get_label(): line.get_xydata() for line in ax.lines}
     np.testing.assert_allclose(lines["the marker"], [[560, 20]], atol=1e-6)  # z, x
     np.testing.assert_allclose(lines["baseline"][1], right.centre[[2, 0]], atol=1e-9)
-    *wedges, overlap = ax.patches
-    for wedge, name in zip(wedges, ("CCD1", "CCD2"), strict=True):
-        start, end = lines[f"{name}'s ray"]
-        corners = wedge.get_xy()[:3]
-        np.testing.assert_allclose(corners[0], start)
-        # the ray lies within its wedge
-        along = end - start
-        sides = [np.linalg.det([corner - start, along]) for corner in corners[1:]]
-        assert sides[0] * sides[1] < 0
+    overlap = ax.patches[-1]
     low, high = overlap.get_xy().min(axis=0), overlap.get_xy().max(axis=0)
     assert (low < [560, 20]).all()
     assert (high > [560, 20]).all()
@@ -380,12 +310,11 @@ def test_refused_cells_are_coloured_and_fitted_ones_are_not_tested():
         ("clamp", "smooth", 0.04, False),
     ]
     table = pd.DataFrame(rows, columns=["model", "statistic", "p_holm", "fitted"])
-    for level, wanted in ((0.05, [True, False, False, True]), (0.01, [True, False, False, False])):
-        ax = plot_refused(table, {"offset": "mean", "smooth": "smooth"}, level)
-        refused = [plt.matplotlib.colors.to_hex(p.get_facecolor()) for p in ax.patches]
-        assert [colour == COLOURS[1].lower() for colour in refused] == wanted
+    ax = plot_refused(table, {"offset": "mean", "smooth": "smooth"}, 0.05)
+    refused = [plt.matplotlib.colors.to_hex(p.get_facecolor()) for p in ax.patches]
+    wanted = [True, False, False, True]
+    assert [colour == COLOURS[1].lower() for colour in refused] == wanted
     assert [t.get_text() for t in ax.texts] == ["< 0.001", "0.50", "fitted", "0.04"]
-    assert is_legible(ax.figure)
 
 
 NAMES = ("CCD1", "CCD2", "CCD3")

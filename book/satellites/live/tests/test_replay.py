@@ -88,19 +88,6 @@ def test_the_last_recording_is_replayed_and_live_goes_on(live, bench, browser):
     assert browser.errors == []
 
 
-def test_of_a_long_recording_every_second_instant_is_given_up(live, browser):
-    browser.click("#record")
-    shows(browser, "last.recording")
-    kept = browser.evaluate(
-        "(() => { const one = {size: 1e6};"
-        " for (let k = 0; k < 500; k++) Replay.keep({...last, recording: true}, [one]);"
-        " return [Replay.size().count, Replay.size().bytes]; })()"
-    )
-    assert 30 < kept[0] < 110
-    assert kept[1] < 97e6
-    browser.click("#record")
-
-
 def test_the_page_says_how_a_recording_becomes_a_log(live, browser, tmp_path, monkeypatch, capsys):
     """Its two commands make the file that it names."""
     pytest.importorskip("rosbags", reason="the extra 'ros' is missing")

@@ -157,17 +157,6 @@ def test_without_webgl_lines_are_drawn(browser, tmp_path):
         assert browser.errors == []
 
 
-def test_a_context_that_is_lost_comes_back(live, browser):
-    if not browser.evaluate("Solids.ready()"):
-        pytest.skip("this browser has no WebGL 2")
-    browser.evaluate("window.lose = Solids.context().getExtension('WEBGL_lose_context')")
-    browser.evaluate("lose.loseContext()")
-    block = f"{COLOUR}('arm', [-500, 200, 60], {ARM})"
-    shows(browser, f"!Solids.ready() && {block}[3] === 0")
-    browser.evaluate("lose.restoreContext()")
-    shows(browser, f"Solids.ready() && {block}[3] === 255")
-
-
 @pytest.mark.usefixtures("live")
 def test_a_view_turns_by_keys_and_the_page_says_so(browser):
     words = browser.evaluate("$($('arm').getAttribute('aria-describedby')).innerText")
