@@ -51,27 +51,6 @@ def put_back(browser, cell):
     browser.evaluate(f"book.cells[{cell}].editor && book.cells[{cell}].turn()")
 
 
-def test_a_cell_runs_and_shows_what_it_prints_in_place_of_the_stored_output(page):
-    run(page, BY_HAND)
-    assert (
-        shown(page, BY_HAND).strip() == "mean 6.0, variance 0.8"
-    )  # (2/4 + 7/1) / (1/4 + 1/1), 1 / (1/4 + 1/1)
-    assert page.evaluate(f"book.cells[{BY_HAND}].output.hidden")
-    assert says(page, BY_HAND).startswith("ran here in")
-
-
-def test_run_all_above_runs_those_and_not_the_cell_itself(page):
-    page.evaluate("book.cells.forEach(one => one.say(''))")
-    page.click(f"[aria-label='Run all above cell {BY_HAND + 2}']")
-    wait_until_idle(page)
-    assert all(says(page, cell).startswith("ran here") for cell in range(BY_HAND + 1))
-    assert says(page, BY_HAND + 1) == ""
-    result = f"book.cells[{IMPORTS}].result"
-    assert page.evaluate(f"{result}.querySelectorAll('img').length") == 1
-    caption = page.evaluate(f"{result}.querySelector('figcaption .caption-number').textContent")
-    assert caption.strip() == "Fig. 4.1"
-
-
 def test_the_session_keeps_its_variables_and_a_restart_forgets_them(page):
     run(page, IMPORTS, BY_HAND, GAIN)
     assert "gain 0.8" in shown(page, GAIN)

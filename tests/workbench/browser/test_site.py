@@ -30,14 +30,6 @@ def test_a_page_gets_its_cells_as_data_that_no_script_ends():
         site.with_cells(PAGE, cells * 2)
 
 
-def test_the_book_is_packed_as_in_a_checkout():
-    packed = dict(site._book())
-    assert "trinolab/kalman.py" in packed
-    assert "book/workbench/browser/guest/session.py" in packed
-    assert "data/table1.csv" in packed
-    assert not any("__pycache__" in name for name in packed)
-
-
 def test_an_image_of_a_recording_comes_back_from_its_difference(tmp_path, monkeypatch):
     job = scripted("hard", load_rig("raised_40deg"), load_handle("coded"), 0, 1 / frames.FPS)
     folder = tmp_path / "hard"

@@ -386,46 +386,11 @@ def threshold_cases(reader):
             )
 
 
-def judge_cases(reader):
-    """Pairs are judged by the truth, and no rule is better than the layout, as the text says."""
-    totals = {}
-    for shot in reader.known("pairs")["shots"]:
-        left, right = map(np.array, shot["labels"])
-        for name, pairs in shot["rules"].items():
-            good = sum(left[a] == right[b] >= 0 for a, b in pairs)
-            due = len((set(left) & set(right)) - {-1})
-            expected = {"right": good, "wrong": len(pairs) - good, "due": due}
-            yield Case(call("pairs.judged", shot, pairs), expected, 0, 0)
-            totals[name] = totals.get(name, 0) + 2 * int(good) - len(pairs)
-    assert max(totals, key=totals.get) == "the layout"
-
-
-def next_cases(reader):
-    """By how much guesses miss, and those of the filter, which are the package's, on average."""
-    data = reader.known("nextplace")
-    z = as_floats(data["places"])
-    p = KalmanParameters(9.5e8, 1.5, 1200.0, 6000.0)
-    track = image_track.track(np.arange(len(z)) / 30, z, p, False)
-    rules = {
-        "last place": z[7:22],
-        "last place + last step": 2 * z[7:22] - z[6:21],
-        "the filter": track.predicted.mean[8:23, :2],
-    }
-    scores = "(({scores, known}, guesses) => scores(known.data, guesses))"
-    asked = f"{scores}(trinolabApplets.nextplace, {json.dumps((z[8:23] + [3.0, 4.0]).tolist())})"
-    yield Case(f"{asked}.you", 5.0)
-    missed = {name: np.hypot(*(rule - z[8:23]).T).mean() for name, rule in rules.items()}
-    # the page's places are rounded to 0.1 px
-    yield Case(asked, missed, 0, 0.1)
-
-
 FORMULAS = {
     "cones": (cones_cases,),
     "pixel": (pixel_cases,),
     "threshold": (threshold_cases,),
-    "nextplace": (next_cases,),
     "epipolar": (epipolar_cases,),
-    "pairs": (judge_cases,),
     "depth": (depth_cases, ellipse_cases),
     "pointing": (tool_cases, log_cases),
 }

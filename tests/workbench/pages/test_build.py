@@ -109,12 +109,6 @@ def test_a_chapter_is_run_and_stored(book, capsys):
     assert out.rstrip().endswith("ValueError: a broken chapter")
 
 
-def test_a_chapter_whose_kernel_dies_says_so_in_a_line(book, capsys):
-    path = make_notebook(chapter(book, "one"), "import os; os._exit(1)")
-    assert build.run_chapter(path) == 1
-    assert capsys.readouterr().out.startswith("one.ipynb: its kernel died; ")
-
-
 def test_the_last_lines_say_what_failed(book, monkeypatch, capsys):
     monkeypatch.chdir(book)
     why = "print('[IPKernelApp] WARNING | no matter'); raise SystemExit('why')"
@@ -196,20 +190,3 @@ def test_the_recordings_are_those_that_the_chapters_read():
     assert inspect.signature(read_recording).parameters["seconds"].default == build.RECORDED_S
     recordings = {f"recording {name}" for name in (*build.RECORDINGS, build.TASK)}
     assert build.EXPECTED_S.keys() <= recordings | {path.stem for path in build.chapters()}
-
-
-def test_a_chapter_needs_the_recordings_that_its_code_reads():
-    found = {path.stem: build.recordings_of(path) for path in build.chapters()}
-    assert found["01_structure"] == ["hard"]
-    assert found["04_kalman"] == found["06_matching"] == found["recordings"] == ["calm", "hard"]
-    assert found["11_master_slave"] == found["11b_delay"] == ["task"]
-    assert found["02_workspace"] == found["12b_wall"] == found["gallery"] == []
-
-
-def test_the_pages_are_stale_when_a_docstring_has_changed(book):
-    (book / "trinolab").mkdir()
-    (book / "trinolab" / "pose.py").write_text('"""A pose."""')
-    before = build.pages_made_from()
-    assert build.pages_made_from() == before
-    (book / "trinolab" / "pose.py").write_text('"""The pose."""')
-    assert build.pages_made_from() != before

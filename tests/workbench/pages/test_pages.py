@@ -102,7 +102,6 @@ def test_the_index_leads_to_the_equation_itself_and_back():
         ("book/start", "scoreboard.html#scoreboard"),
         ("notebooks/08_pose", "../book/assumptions.html#a16"),
         ("notebooks/04_kalman", "../book/errata.html#erratum-eq-12"),
-        ("book/report", "scoreboard.html#claim-17"),
         ("book/report", "assumptions.html#a11"),
         ("book/protocol", "scoreboard.html#claim-17"),
         ("book/scoreboard", "protocol.html#criterion-17"),

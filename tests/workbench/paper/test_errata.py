@@ -8,8 +8,7 @@ import pytest
 from trinolab.workspace.cones import Cone, inside
 from workbench.paper.errata import ERRATA, effects
 from workbench.paper.errata.markers import printed_bisection
-from workbench.paper.errata.pose import printed_points
-from workbench.paper.errata.workspace import printed_cones, printed_workspace_volume
+from workbench.paper.errata.workspace import printed_cones
 from workbench.paper.ledger import Effect
 
 # What each effect must be by the printed and by the corrected form, and a tolerance, from numbers
@@ -136,37 +135,9 @@ def test_no_point_counts_as_inside_the_printed_workspace(degrees):
         assert not inside(list(three), points).any()
 
 
-@pytest.mark.parametrize("form", [0, 1])
-def test_the_printed_forms_are_those_of_the_paper(form):
-    """Eq. 20 typed from the paper with its focal lengths, for one point."""
-    rng = np.random.default_rng(2)
-    R, T = rng.normal(size=(3, 3)), rng.normal(size=3)
-    (r1, r2, r3), (r4, r5, r6), (r7, r8, r9) = R
-    f_l, f_r, X_l, Y_l, X_r, Y_r = 2900.0, 2800.0, 120.0, -80.0, 60.0, 40.0
-    below = r7 * X_l + r8 * Y_l + r9 * f_l
-    z = (
-        f_l * (f_r * T[0] - X_r * T[2]) / (X_r * below - f_r * (r1 * X_l + r2 * Y_l + r3 * f_l)),
-        f_l * (f_r * T[1] - Y_r * T[2]) / (Y_r * below - f_r * (r4 * X_l + r5 * Y_l + r6 * f_l)),
-    )[form]
-    point = printed_points(np.array([[X_l, Y_l]]) / f_l, np.array([[X_r, Y_r]]) / f_r, R, T, form)
-    np.testing.assert_allclose(point, [[z * X_l / f_l, z * Y_l / f_l, z]], rtol=1e-12)
-
-
 def test_the_printed_bisection_ends_where_it_can():
     image = np.zeros((20, 40))
     image[5:9, 5:9], image[5:9, 25:29] = 100.0, 200.0
     assert printed_bisection(image, 1) == (1, 1)  # 100 is not above T_0 = 100
     assert printed_bisection(image, 2) == (2, 2)  # then 50
     assert printed_bisection(image, 3) == (np.inf, 2)  # too few: down for ever
-
-
-@pytest.mark.parametrize(
-    ("make", "given", "name"),
-    [
-        (printed_cones, (1.0, 0.0, 1.0, 0.3), "beta1"),
-        (printed_workspace_volume, (2.0,), "half_angle"),
-    ],
-)
-def test_what_is_no_angle_is_refused(make, given, name):
-    with pytest.raises(ValueError, match=name):
-        make(*given)

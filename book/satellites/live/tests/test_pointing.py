@@ -77,7 +77,9 @@ def test_a_trial_by_hand(tmp_path):
 
 
 def test_the_targets_come_right_and_left_and_the_log_is_judged_as_the_studys(tmp_path):
-    played = Played(tmp_path / "log.csv", [[40.0, 10.0], [80.0, 20.0]], times=3)
+    path, rng = tmp_path / "log.csv", np.random.default_rng(0)
+    write_log(point(np.array([[40.0, 20.0]]), "continuous", 1.0, 0.0, rng), path)
+    played = Played(path, [[40.0, 10.0], [80.0, 20.0]], times=3)
     sides = []
     for k in range(6):
         doing = played.to_target()
@@ -87,8 +89,11 @@ def test_the_targets_come_right_and_left_and_the_log_is_judged_as_the_studys(tmp
         played.along = doing.aim + (k % 3)
         played.round(0.5 + 0.1 * k)
         played.press()
+        assert len(read_log(path)) == 2 + k  # each is kept at once
     assert sides == [1, -1, 1, -1, 1, -1]
-    log = read_log(tmp_path / "log.csv")
+    log = read_log(path)
+    assert list(log["operator"]) == ["continuous"] + 6 * ["Ann"]
+    log = log[1:]  # its own
     assert (
         sorted(zip(log["distance_mm"], log["width_mm"], strict=True))
         == [(40.0, 10.0)] * 3 + [(80.0, 20.0)] * 3
@@ -124,23 +129,6 @@ def test_what_is_not_on_the_target_or_not_seen_yet_does_not_count(tmp_path):
     assert played.round(0.9 * RESTS_S).what == MARK
     played.task.end()
     assert played.round() is None
-
-
-def test_a_second_run_adds_to_the_log_of_a_model_and_each_trial_is_kept_at_once(tmp_path):
-    path = tmp_path / "log.csv"
-    write_log(
-        point(np.array([[40.0, 20.0]]), "continuous", 1.0, 0.0, np.random.default_rng(0)), path
-    )
-    played = Played(path, [[40.0, 20.0]], times=2)
-    doing = played.to_target()
-    played.along = doing.aim
-    played.press()
-    log = read_log(path)
-    assert list(log["operator"]) == ["continuous", "Ann"]
-    assert list(log["task"]) == [0, 1]
-    assert "1 target:" in played.task.status  # its own
-    played.task.end()
-    assert "1 target:" in played.task.status
 
 
 @pytest.mark.parametrize(

@@ -49,25 +49,6 @@ def test_a_recording_is_what_track_and_teleop_read(tmp_path):
     assert (folder / "clutch.csv").read_text().split() == ["t_s,closed", "0,0", "0.03,1", "0.1,0"]
 
 
-def test_another_recording_of_the_same_second_is_left_alone(tmp_path, monkeypatch):
-    class Noon(live.datetime):
-        @classmethod
-        def now(cls):
-            return cls(2026, 1, 1, 12)
-
-    monkeypatch.setattr(live, "datetime", Noon)
-    first = recorded_by(tmp_path)
-    with pytest.raises(ValueError, match=BUSY), locked(the_only(tmp_path)):
-        pass
-    second = Recorder(tmp_path, RIG, HANDLE)
-    second.start()
-    assert "not recording" in second.status
-    first.close()
-    assert "recorded 4 instants" in first.status
-    with locked(the_only(tmp_path)):  # free, since it has its name
-        pass
-
-
 def test_a_full_disk_ends_it_with_words_and_what_is_there_is_whole(tmp_path, monkeypatch):
     """Its last line is cut off."""
     left = [4]
