@@ -22,10 +22,7 @@ from workbench.plotting.basics import (
 from workbench.plotting.calibration import plot_boards, plot_residuals
 from workbench.plotting.estimators import plot_by_slant
 from workbench.plotting.gallery import plot_factor
-from workbench.plotting.kalman import (
-    plot_beliefs,
-    plot_prediction,
-)
+from workbench.plotting.kalman import plot_beliefs, plot_prediction
 from workbench.plotting.markers import plot_rod_section
 from workbench.plotting.matching import plot_epipolar_plane
 from workbench.plotting.pose import plot_frames, plot_two_rays
