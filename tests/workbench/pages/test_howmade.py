@@ -41,20 +41,6 @@ def test_every_shipped_table_has_the_command_that_makes_it():
     assert MAKES["factors"] == tuple(factors.FACTORS)
 
 
-@pytest.mark.parametrize(
-    ("table", "command"),
-    [
-        ("sweeps/patterns.csv", "python -m workbench.studies budget"),
-        ("sweeps/turn.csv", "python -m workbench.studies factors --factor turn"),
-        ("sweeps/gallery/blur.csv", "python -m workbench.studies gallery blur"),
-        ("accept/raised_40deg.json", "make sheet"),
-        ("table1.csv", ""),
-    ],
-)
-def test_the_command_that_makes_a_file_again(table, command):
-    assert tablesread.command_for(table) == command
-
-
 @pytest.fixture
 def build(tmp_path):
     """What a build leaves of a notebook of four cells."""

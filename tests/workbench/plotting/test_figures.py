@@ -13,11 +13,9 @@ from trinolab.window import Window
 from trinolab.workspace.cones import inside, paper_cones
 from workbench.plotting.background import plot_pixel_histories, plot_verdicts
 from workbench.plotting.basics import (
-    COLOURS,
     mark_window,
     plot_with_intervals,
     show_image,
-    show_table,
 )
 from workbench.plotting.calibration import plot_boards, plot_residuals
 from workbench.plotting.estimators import plot_by_slant
@@ -32,7 +30,6 @@ from workbench.plotting.table1 import (
     plot_budget,
     plot_errors_in_space,
     plot_pose_errors,
-    plot_refused,
 )
 from workbench.plotting.wall import plot_limits, plot_nyquist
 from workbench.plotting.workspace import show_cones_from_above
@@ -153,15 +150,6 @@ def test_what_is_given_is_drawn(name):
         assert any(same(wanted, one) for one in left), wanted
 
 
-def test_a_table_shows_every_number_in_its_place():
-    _, ax = plt.subplots()
-    show_table([[1, 2.5, 99], [0, 30, 4]], (6, 10), (0.1, 0.2, 0.5), ("T", "alpha"), "", ax)
-    shown = [(*text.get_position(), float(text.get_text())) for text in ax.texts[:4]]
-    assert shown == [(0, 0, 1), (1, 0, 2.5), (2, 0, 99), (0, 1, 0)]
-    assert [label.get_text() for label in ax.get_xticklabels()] == ["0.1", "0.2", "0.5"]
-    assert (ax.get_ylabel(), ax.get_xlabel()) == ("T", "alpha")
-
-
 def test_every_position_of_the_board_is_drawn_and_both_ways_lead_to_it():
     rig = load_rig("paper_pair")
     poses = RigidTransform.from_translation([[-60.0, -40, 560], [-50, -40, 600], [0, 0, 500]])
@@ -270,21 +258,6 @@ def test_cameras_and_rod_are_where_they_are():
         rays = [line for line in drawn if len(line) == 2 and np.array_equal(line[0], centre)]
         assert len(rays) == 5  # four edges of the pyramid, and the line of sight
     assert ax.zaxis_inverted()  # the world's y points down
-
-
-def test_refused_cells_are_coloured_and_fitted_ones_are_not_tested():
-    rows = [
-        ("noise", "offset", 0.0004, False),
-        ("noise", "smooth", 0.5, False),
-        ("clamp", "offset", np.nan, True),
-        ("clamp", "smooth", 0.04, False),
-    ]
-    table = pd.DataFrame(rows, columns=["model", "statistic", "p_holm", "fitted"])
-    ax = plot_refused(table, {"offset": "mean", "smooth": "smooth"}, 0.05)
-    refused = [plt.matplotlib.colors.to_hex(p.get_facecolor()) for p in ax.patches]
-    wanted = [True, False, False, True]
-    assert [colour == COLOURS[1].lower() for colour in refused] == wanted
-    assert [t.get_text() for t in ax.texts] == ["< 0.001", "0.50", "fitted", "0.04"]
 
 
 NAMES = ("CCD1", "CCD2", "CCD3")
