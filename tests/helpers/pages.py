@@ -6,11 +6,24 @@ from pathlib import Path
 
 import pytest
 
+from workbench.pages.browser import CHROMIUM, Browser
+
 ROOT = Path(__file__).resolve().parents[2]
 HTML = ROOT / "_build" / "html"
 built = pytest.mark.skipif(
     not (HTML / "index.html").exists(), reason="no built pages: run make book first"
 )
+
+
+@pytest.fixture(scope="session")
+def browser(tmp_path_factory):
+    """One browser for all tests of pages of a folder, whose conftest.py imports it."""
+    if CHROMIUM is None:
+        pytest.skip("Chromium is missing (Debian package: chromium)")
+    browser = Browser(tmp_path_factory.mktemp("profile"))
+    browser.open("about:blank")
+    yield browser
+    browser.close()
 
 
 @cache

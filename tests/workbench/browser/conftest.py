@@ -1,7 +1,10 @@
 """Chromium, and the folder that `make browser` builds; where either is missing, its tests say so."""
 
+import json
+
 import pytest
 
+from workbench.browser.guest import door, session
 from workbench.browser.numbers import serving
 from workbench.browser.site import SITE
 from workbench.pages.browser import CHROMIUM, Browser
@@ -23,3 +26,28 @@ def browser(tmp_path_factory):
     browser = Browser(tmp_path_factory.mktemp("profile"))
     yield browser
     browser.close()
+
+
+class Page:
+    """The other side of the door, in Python: it keeps what is handed out."""
+
+    def __init__(self):
+        self.outputs = []
+        self.answer = ({}, [])
+
+    def __call__(self, frame):
+        header, arrays = door._unpack(frame)
+        if header["asks"] == "output":
+            self.outputs.append(json.loads(json.dumps(header["output"], allow_nan=False)))
+            return door._pack({}, [])
+        self.asked = header, arrays
+        return door._pack(*self.answer)
+
+
+@pytest.fixture
+def door_page(monkeypatch, tmp_path):
+    page = Page()
+    monkeypatch.setattr(door, "_call", page)
+    monkeypatch.setattr(session, "CELLS", tmp_path)
+    monkeypatch.setattr(session, "namespace", {"__name__": "__main__"})
+    return page

@@ -9,7 +9,7 @@ import types
 import pytest
 
 from workbench.browser import exercises, sweeps
-from workbench.browser.guest import answers, door, session, sweeping
+from workbench.browser.guest import answers, session, sweeping
 from workbench.course.exercises import CHAPTERS, exercise, of_chapter
 from workbench.course.stubs import solved
 from workbench.pages.build import chapters
@@ -35,32 +35,16 @@ PARTS = {
 
 
 @pytest.fixture
-def page(monkeypatch):
-    """The other side of the door, in Python: what is handed out."""
-    outputs = []
-
-    def call(frame):
-        header, _ = door._unpack(frame)
-        outputs.append(json.loads(json.dumps(header["output"], allow_nan=False)))
-        return door._pack({}, [])
-
-    monkeypatch.setattr(door, "_call", call)
-    monkeypatch.setattr(session, "namespace", {"__name__": "__main__"})
-    return outputs
-
-
-@pytest.fixture
-def toy(page, monkeypatch, tmp_path):
+def toy(door_page, monkeypatch, tmp_path):
     """A session that has prepared the sweep of a small chapter."""
     monkeypatch.setitem(sys.modules, "myst_nb", types.ModuleType("myst_nb"))
     for name in ("_sweep", "_glued"):
         monkeypatch.setattr(sweeping, name, {})
     monkeypatch.setattr(sweeping, "_state", None)
     monkeypatch.setattr(sweeping, "SWEEP", tmp_path / "sweep.json")
-    monkeypatch.setattr(sweeping, "ROWS", tmp_path / "rows.json")
     sweeping.SWEEP.write_text(json.dumps(PARTS))
     sweeping.prepare()
-    return page
+    return door_page.outputs
 
 
 @pytest.mark.parametrize("chapter", CHAPTERS)
@@ -88,11 +72,11 @@ def test_a_page_gets_its_exercises_and_one_without_the_place_of_one_is_refused()
     assert exercises.with_exercises("<head></head>", []) == "<head></head>"
 
 
-def test_a_value_is_graded_and_its_verdict_handed_out(page):
+def test_a_value_is_graded_and_its_verdict_handed_out(door_page):
     session.namespace["answer_04_1"] = exercise("04.1").answer
     answers.grade("04.1", "answer_04_1")
     answers.grade("04.1", "not_there")
-    right, missing = page
+    right, missing = door_page.outputs
     assert (right["type"], right["right"]) == ("verdict", True)
     assert right["text"] == "04.1 right: gain, mean, variance are right."
     assert not missing["right"]
@@ -108,18 +92,6 @@ def test_a_chapter_is_cut_into_what_runs_once_and_each_time(stem):
     assert not set(part["once"]) & set(part["each"])
     assert "glue(" in "".join(part["each"].values())
     assert part["defaults"][parameter] in sweeps.SWEEPS[stem].values
-
-
-@pytest.mark.slow
-def test_runs_of_another_version_have_another_key():
-    path = next(path for path in chapters() if path.stem == "06_matching")
-    keys = [
-        re.search(r'"made_from": "(\w+)"', sweeps.with_sweep("<head></head>", path, version))[1]
-        for version in ("one", "one", "other")
-    ]
-    assert keys[0] == keys[1]
-    assert keys[1] != keys[2]
-    assert sweeps.with_sweep("<head></head>", KALMAN, "one") == "<head></head>"
 
 
 @pytest.mark.parametrize("more", [{}, {"6": "some = (k for k in range(3))"}])
@@ -146,22 +118,3 @@ def test_a_run_that_raises_has_failed_and_the_next_is_as_if_nothing_were(toy):
     assert negative["results"]["root"] is None  # JSON has no NaN
     with pytest.raises(ValueError, match="a: expected float"):
         sweeping.run("text")
-
-
-@pytest.mark.slow
-def test_the_runs_are_drawn_and_listed(toy):
-    for value in (1.0, 2.0, -1.0):
-        sweeping.run(value)
-    rows = [
-        {"value": value, "outcome": {name: it for name, it in one.items() if name != "type"}}
-        for value, one in zip((1.0, 2.0, -1.0), toy, strict=True)
-    ]
-    sweeping.ROWS.write_text(json.dumps({"parameter": "a", "rows": rows}))
-    sweeping.draw()
-    head, *lines = toy[-1]["csv"].splitlines()
-    assert head == "a,before,result,taken,root,words,seconds,status,error"
-    assert [line.split(",")[2] for line in lines] == ["20.0", "40.0", "-20.0"]
-    assert lines[2].split(",")[4] == ""
-    assert toy[-1]["alt"].startswith("Curves over a of result, root")
-    assert toy[-1]["png"].startswith("iVBOR")
-    assert toy[-1]["table"].count("<tr") == 4

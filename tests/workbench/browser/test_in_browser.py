@@ -4,7 +4,6 @@
 """
 
 import json
-import time
 
 import pytest
 from chapters import LESSONS
@@ -52,27 +51,6 @@ def put_back(browser, cell):
     browser.evaluate(f"book.cells[{cell}].editor && book.cells[{cell}].turn()")
 
 
-def test_a_cell_runs_and_shows_what_it_prints_in_place_of_the_stored_output(page):
-    run(page, BY_HAND)
-    assert (
-        shown(page, BY_HAND).strip() == "mean 6.0, variance 0.8"
-    )  # (2/4 + 7/1) / (1/4 + 1/1), 1 / (1/4 + 1/1)
-    assert page.evaluate(f"book.cells[{BY_HAND}].output.hidden")
-    assert says(page, BY_HAND).startswith("ran here in")
-
-
-def test_run_all_above_runs_those_and_not_the_cell_itself(page):
-    page.evaluate("book.cells.forEach(one => one.say(''))")
-    page.click(f"[aria-label='Run all above cell {BY_HAND + 2}']")
-    wait_until_idle(page)
-    assert all(says(page, cell).startswith("ran here") for cell in range(BY_HAND + 1))
-    assert says(page, BY_HAND + 1) == ""
-    result = f"book.cells[{IMPORTS}].result"
-    assert page.evaluate(f"{result}.querySelectorAll('img').length") == 1
-    caption = page.evaluate(f"{result}.querySelector('figcaption .caption-number').textContent")
-    assert caption.strip() == "Fig. 4.1"
-
-
 def test_the_session_keeps_its_variables_and_a_restart_forgets_them(page):
     run(page, IMPORTS, BY_HAND, GAIN)
     assert "gain 0.8" in shown(page, GAIN)
@@ -82,39 +60,6 @@ def test_the_session_keeps_its_variables_and_a_restart_forgets_them(page):
     assert "NameError" in shown(page, GAIN)
     assert says(page, GAIN).startswith("failed")
     run(page, BY_HAND)
-
-
-def test_a_run_that_does_not_end_is_stopped_and_the_loss_is_said(page):
-    write(page, BY_HAND, "while True:\n    pass")
-    page.evaluate(f"void book.run([book.cells[{BY_HAND}]])")
-    time.sleep(2.0)
-    assert page.evaluate("book.running")
-    page.click(".browser-bar button:nth-of-type(2)")
-    wait_until_idle(page)
-    assert "variables are lost" in page.evaluate("book.said.textContent")
-    put_back(page, BY_HAND)
-    run(page, BY_HAND)
-    assert says(page, BY_HAND).startswith("ran here in")
-
-
-def test_keys_reach_run_and_run_a_cell_from_its_source(page):
-    page.evaluate(f"book.cells[{BY_HAND}].say('')")
-    page.evaluate("document.querySelector(\"[aria-label='Run cell 4']\").focus()")
-    page.press("Enter")
-    wait_until_idle(page)
-    assert says(page, BY_HAND).startswith("ran here")
-    page.press("Tab")
-    assert page.evaluate("document.activeElement.ariaLabel") == "Run all above cell 4"
-    unnamed = "[...document.querySelectorAll('.browser-button')].filter(b => !b.ariaLabel).length"
-    assert page.evaluate(unnamed) == 0
-    write(page, BY_HAND, "print(6 * 7)")
-    page.evaluate(
-        f"book.cells[{BY_HAND}].editor.mirror.getInputField().dispatchEvent("
-        "new KeyboardEvent('keydown', {key: 'Enter', keyCode: 13, shiftKey: true, bubbles: true}))"
-    )
-    wait_until_idle(page)
-    assert shown(page, BY_HAND).strip() == "42"
-    put_back(page, BY_HAND)
 
 
 def test_a_link_carries_a_source_and_leaves_what_the_reader_has_written(address, browser):

@@ -3,11 +3,11 @@
 import cv2
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
+from boards import SIZE, corners, make_rig, positions
 
+from trinolab.calibration.target import Board
 from workbench.browser.guest import lacking
 
-SIZE = 640, 480
 PINHOLE = cv2.CALIB_FIX_K1 | cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
 NONE = np.zeros(5)
 
@@ -54,37 +54,24 @@ def test_a_grid_of_four_is_there_where_opencv_finds_it(count):
 
 @pytest.mark.parametrize("free", [True, False])
 def test_a_stereo_calibration_ends_where_opencvs_does(free):
-    rng = np.random.default_rng(1)
-    board = np.array([[25.0 * x, 25.0 * y, 0] for y in range(5) for x in range(7)])
-    K = (
-        np.array([[800.0, 0, 330], [0, 810, 235], [0, 0, 1]]),
-        np.array([[790.0, 0, 310], [0, 795, 245], [0, 0, 1]]),
+    rig, board, poses = make_rig(lens=np.zeros(5)), Board(7, 6, 15.0), positions(8)
+    views = corners(rig, poses, board, noise_px=0.1, seed=1)
+    K = [camera.matrix for camera in rig.cameras]
+    turn, shift = (
+        rig.cameras[1].T_cam_world.rotation.as_rotvec(),
+        rig.cameras[1].T_cam_world.translation,
     )
-    turn, shift = Rotation.from_rotvec([0.02, -0.25, 0.01]), np.array([-120.0, 3, 15])
-    views = [[], []]
-    poses = []
-    for _ in range(8):
-        pose = Rotation.from_rotvec(rng.uniform(-0.5, 0.5, 3)), [-70, -50, rng.uniform(480, 640)]
-        in_first = pose[0].apply(board) + pose[1]
-        poses.append((pose[0].as_rotvec(), np.array(pose[1])))
-        for k, X in enumerate((in_first, turn.apply(in_first) + shift)):
-            uv = (X / X[:, 2:]) @ K[k].T
-            views[k].append(uv[:, :2] + rng.normal(0, 0.1, (len(X), 2)))
     flags = PINHOLE | (cv2.CALIB_USE_INTRINSIC_GUESS if free else cv2.CALIB_FIX_INTRINSIC)
     theirs = cv2.stereoCalibrate(
-        [np.float32(board)] * 8,
-        *[[np.float32(one) for one in of_camera] for of_camera in views],
-        K[0].copy(),
-        NONE,
-        K[1].copy(),
-        NONE,
-        SIZE,
+        [np.float32(board.points)] * 8,
+        *[list(np.float32(of_camera)) for of_camera in views],
+        *(K[0].copy(), NONE, K[1].copy(), NONE, SIZE),
         flags=flags,
         criteria=(cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_COUNT, 200, 1e-12),
     )
-    ours = lacking.stereo_pair(
-        [board] * 8, views, K, poses, (turn.as_rotvec() + 0.01, shift + 2), free
-    )
+    seen = [(T.rotation.as_rotvec(), T.translation) for T in poses]
+    beside = turn + 0.01, shift + 2
+    ours = lacking.stereo_pair([np.array(board.points)] * 8, views, K, seen, beside, free)
     # px and mm; OpenCV takes the pixels in single precision, 3e-5 px
     assert np.allclose(ours.first, theirs[1], atol=1e-2)
     assert np.allclose(ours.second, theirs[3], atol=1e-2)

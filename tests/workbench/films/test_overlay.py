@@ -26,14 +26,6 @@ def nothing():
     return Tracked(Measurement(LOST, (found, found), (np.empty(0, int),) * 2), (None, None))
 
 
-@pytest.mark.parametrize("width", [640, 320])
-def test_a_picture_is_as_wide_as_asked(width):
-    images = [np.full((1024, 1280), grey, np.uint8) for grey in (40, 90)]
-    shown = picture(images, nothing(), RIG, 3, 0.1, width)
-    assert shown.shape == (width * 4 // 5, 2 * width, 3)
-    assert [int(shown[100, u, 0]) for u in (width - 9, 2 * width - 9)] == [40, 90]
-
-
 def found(pose=None, windows=(None, None)):
     """Two markers that both cameras see, 40 px apart."""
     markers = type("Found", (), {"uv": np.array([[600.0, 500.0], [640.0, 500.0]])})()
@@ -72,11 +64,6 @@ def test_the_window_is_enlarged_in_a_corner(written):
     three, eleven = (dict(written[:2])[label] for label in ("3", "11"))
     assert three[0] < 2.048 * 30 < 2.048 * 70 < eleven[0]
     assert [text for text, _ in written].count("3") == 1 + 1 + 1
-
-
-@pytest.mark.parametrize("window", [None, Window(0, 0, 1280, 1024), Window(100, 100, 900, 700)])
-def test_what_would_hardly_be_larger_is_not_enlarged(window):
-    assert inset(np.zeros((1024, 1280), np.uint8), found(windows=(window, None)), 0) is None
 
 
 @pytest.mark.parametrize(("z_mm", "letters"), [(560.0, 2), (-560.0, 0)])

@@ -1,21 +1,11 @@
 """One browser for all tests of pages, and a board of claims without computing one."""
 
 import pytest
+from pages import browser  # noqa: F401
 
 from workbench.pages import claims_pages
-from workbench.pages.browser import CHROMIUM, Browser
 from workbench.studies import scoreboard
 from workbench.studies.protocol import load_claims
-
-
-@pytest.fixture(scope="session")
-def browser(tmp_path_factory):
-    if CHROMIUM is None:
-        pytest.skip("Chromium is missing (Debian package: chromium)")
-    browser = Browser(tmp_path_factory.mktemp("profile"))
-    browser.open("about:blank")
-    yield browser
-    browser.close()
 
 
 @pytest.fixture(scope="session")

@@ -77,13 +77,3 @@ def test_it_begins_with_the_answer_and_the_metadata_have_the_abstract(text):
     assert fields["abstract"].startswith(answer.sentence())
     assert "{" not in fields["abstract"]
     assert fields["authors"][0]["orcid"] is None
-
-
-def test_the_figures_are_drawings(board, tmp_path):
-    board.to_csv(tmp_path / "board.csv", index=False)
-    article.write_pages(tmp_path / "board.csv", tmp_path)
-    drawn = {path.stem: path.read_text(encoding="utf-8") for path in tmp_path.glob("*.svg")}
-    assert set(re.findall(r"article/(\w+)\.svg", TEXT)) == set(article.FIGURES) == set(drawn)
-    for name, text in drawn.items():
-        assert "<path" in text, name
-        assert "<image" not in text, "a picture of pixels"

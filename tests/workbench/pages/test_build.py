@@ -3,13 +3,11 @@
 import inspect
 import json
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import nbformat
 import pytest
-import yaml
 from makenotebook import glued, make_notebook
 
 from workbench.pages import build
@@ -111,12 +109,6 @@ def test_a_chapter_is_run_and_stored(book, capsys):
     assert out.rstrip().endswith("ValueError: a broken chapter")
 
 
-def test_a_chapter_whose_kernel_dies_says_so_in_a_line(book, capsys):
-    path = make_notebook(chapter(book, "one"), "import os; os._exit(1)")
-    assert build.run_chapter(path) == 1
-    assert capsys.readouterr().out.startswith("one.ipynb: its kernel died; ")
-
-
 def test_the_last_lines_say_what_failed(book, monkeypatch, capsys):
     monkeypatch.chdir(book)
     why = "print('[IPKernelApp] WARNING | no matter'); raise SystemExit('why')"
@@ -198,50 +190,3 @@ def test_the_recordings_are_those_that_the_chapters_read():
     assert inspect.signature(read_recording).parameters["seconds"].default == build.RECORDED_S
     recordings = {f"recording {name}" for name in (*build.RECORDINGS, build.TASK)}
     assert build.EXPECTED_S.keys() <= recordings | {path.stem for path in build.chapters()}
-
-
-def test_a_chapter_needs_the_recordings_that_its_code_reads():
-    found = {path.stem: build.recordings_of(path) for path in build.chapters()}
-    assert found["01_structure"] == ["hard"]
-    assert found["04_kalman"] == found["06_matching"] == found["recordings"] == ["calm", "hard"]
-    assert found["11_master_slave"] == found["11b_delay"] == ["task"]
-    assert found["02_workspace"] == found["12b_wall"] == found["gallery"] == []
-
-
-def test_the_pages_are_stale_when_a_docstring_has_changed(book):
-    (book / "trinolab").mkdir()
-    (book / "trinolab" / "pose.py").write_text('"""A pose."""')
-    before = build.pages_made_from()
-    assert build.pages_made_from() == before
-    (book / "trinolab" / "pose.py").write_text('"""The pose."""')
-    assert build.pages_made_from() != before
-
-
-@pytest.fixture
-def small_book(tmp_path):
-    """Eight pages with the configuration of the book."""
-    config = yaml.safe_load((ROOT / "_config.yml").read_text(encoding="utf-8"))
-    config["html"].pop("favicon")
-    config["sphinx"]["config"]["html_css_files"] = []
-    names = [f"book/page{k}" for k in range(8)]
-    toc = {"format": "jb-book", "root": names[0], "chapters": [{"file": one} for one in names[1:]]}
-    for name, said in (("_config.yml", config), ("_toc.yml", toc)):
-        (tmp_path / name).write_text(yaml.safe_dump(said, sort_keys=False))
-    for folder in ("book/_static", "book/_templates"):
-        (tmp_path / folder).mkdir(parents=True)
-    (tmp_path / "book" / "references.bib").touch()
-    for name in names:
-        (tmp_path / f"{name}.md").write_text("# A page\n\nText.\n")
-    return tmp_path
-
-
-@pytest.mark.heavy
-def test_a_warning_of_any_page_fails_the_build_in_several_processes(small_book):
-    for page in ("page2", "page6"):
-        (small_book / "book" / f"{page}.md").write_text("# A page\n\n{ref}`nowhere`\n")
-    (small_book / "book" / "page4.md").write_text("# A page\n\n```{nothing}\n```\n")
-    command = [*build.BUILD_COMMAND, "--pages", str(small_book)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 1
-    assert done.stderr.count("undefined label: 'nowhere'") == 2
-    assert "Unknown directive type: 'nothing'" in done.stderr

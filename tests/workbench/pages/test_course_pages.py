@@ -45,6 +45,3 @@ def test_each_open_design_has_a_rubric_with_levels():
         assert points == sorted(points, reverse=True)
         assert points[0] == one.points
         assert len(set(points)) == len(levels) >= 4
-        texts = {row[2].rstrip("`\n") for row in levels}
-        assert len(texts) == len(levels)
-        assert min(map(len, texts)) > 15

@@ -69,14 +69,3 @@ def test_every_figure_and_film_is_a_file(tmp_path, monkeypatch):
     row = read.loc["01_structure-fig-structure-rig.png"]
     assert row.number == "Fig. 1.1"
     assert row.caption.startswith("Three cameras and the rod")
-
-
-def test_a_page_without_a_figure_gives_none_and_names_are_those_of_places():
-    page = """<article><figure id="fig-x"><img src="a.png" alt="A"/><figcaption>
-    <span class="caption-number">Fig. 1 </span><span class="caption-text">The <i>x</i>.</span>
-    </figcaption></figure><figure id="id3"><img src="b.png" alt="B"/></figure></article>"""
-    assert list(figures.pictures("<article>none</article>", "p")) == []
-    assert list(figures.pictures(page, "p")) == [
-        ("p-fig-x", "a.png", "Fig. 1", "The x.", "A"),
-        ("p-02", "b.png", "", "", "B"),
-    ]

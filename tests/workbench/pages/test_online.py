@@ -65,14 +65,6 @@ def test_colab_takes_its_versions_from_environment_txt(tmp_path):
     assert all(name in cell.source for name in missing)
 
 
-def test_colab_asks_for_packages_that_environment_txt_has():
-    (line,) = [cell.source for cell in COLAB.cells if cell.source.startswith("%pip")]
-    asked = [Requirement(text.strip('"')) for text in line.split()[6:]]
-    assert {one.name for one in asked} <= {one.name for one in environment()}
-    assert ".[slave]" in line
-    assert "slave" in PROJECT["optional-dependencies"]
-
-
 def test_colab_runs_a_chapter_and_shows_an_exercise_with_a_cell_to_write_in(tmp_path):
     """With a notebook of two cells in the chapter's place."""
     (tmp_path / "notebooks").mkdir()

@@ -2,13 +2,11 @@
 
 import re
 
-import numpy as np
 import pandas as pd
 import pytest
 
 from trinolab.datasets import data_path
 from workbench.pages import ranges_pages
-from workbench.pages.hour import Quoted
 from workbench.studies.ranges import load_ranges
 from workbench.studies.scoreboard import drawn_results
 
@@ -60,11 +58,3 @@ def test_rates_are_in_order_with_the_assumed_one_among_them():
     line = rows[rates.index(0.05)]
     tracked = DRAWS[DRAWS["check"] == "long_share_tracked_printed_rate_0.05"]
     assert line[1].startswith(f"{tracked['a'].sum():.0f} of {len(tracked)} ")
-
-
-def test_every_ending_that_has_an_error_is_listed(board):
-    chapters = {1: Quoted({"E_t_mm": 0.0456}, {}), 10: Quoted({"E_t_mm": 0.002}, {})}
-    rows = cells(ranges_pages.errors_table(board, chapters))
-    assert [row[0].strip() for row in rows][2:] == ["chapter 1"]  # chapter 10 has another method
-    assert rows[2][1].strip() == "0.046"
-    assert np.isfinite(float(rows[0][1].split()[0]))

@@ -61,7 +61,6 @@ def row(difference=0.1, low=0.05, high=0.15, **changes):
         ((0.1, -0.05), False),
         ((0.1, -0.2, -0.1), True),
         ((1e-5, 1e-6, 2e-5), False),
-        ((0.0, 0.0, 0.0), False),
         ((0.1, np.nan, np.nan), True),
         ((1e-6, np.nan, np.nan), False),
         ((np.nan,), False),
@@ -70,12 +69,6 @@ def row(difference=0.1, low=0.05, high=0.15, **changes):
 def test_a_change_is_shown_where_it_is_no_chance(changes, shown):
     table = pd.DataFrame([row(), row(*changes)])
     assert report_pages.is_shown(next(table.tail(1).itertuples())) == shown
-
-
-def test_the_table_has_each_change_once():
-    text = report_pages.sensitivity(TABLE)
-    for instead in TABLE["instead"].unique():
-        assert text.count(f" {instead}\n") + text.count(f" ({instead})") == 1, instead
 
 
 def test_the_conclusion_names_what_reaches_the_papers_number():
@@ -107,36 +100,15 @@ def test_what_is_beyond_chance_is_marked():
     assert report_pages.sensitivity(table).count(" ?") == 2
 
 
-def test_the_shipped_table_names_how_many_may_be_chance():
-    """The intervals and those shown, counted by the columns alone."""
-    drawn = TABLE[TABLE["low"].notna()]
-    out = drawn[(drawn["low"] > 0) | (drawn["high"] < 0)]
-    out = out[out["low"] < out["high"]]
-    out = out[out["difference"].abs() > 0.01 * out["as_assumed"].abs()]
-    text = report_pages.by_chance(TABLE)
-    assert f"In all {len(drawn)} intervals" in text
-    assert f"and {len(out)} are shown" in text
-
-
 @pytest.mark.parametrize(
     ("changes", "shown"),
     [
         ({}, "0.1 → **0.2 mm** (+0.05 to +0.15)"),
         ({"n": 5}, "0.1 → **0.2 mm** (+0.05 to +0.15, n 5)"),
         ({"low": np.nan, "high": np.nan}, "0.1 → **0.2 mm**"),
-        ({"low": -12.3, "high": 10.0}, "(−12 to +10)"),
         ({"unit": "share", "n": 30}, "10 → **20 %** (+5 to +15)"),
     ],
 )
 def test_a_change_is_shown_with_its_interval(changes, shown):
     (one,) = pd.DataFrame([row(**changes)]).itertuples()
     assert report_pages.change_text(one).endswith(shown)
-
-
-def test_the_environment_has_versions_and_times_and_nothing_of_the_machine(tmp_path):
-    seconds = tmp_path / "seconds.json"
-    seconds.write_text('{"one": 60.0, "two": 30.0}')
-    text = report_pages.environment(seconds)
-    for shown in ("numpy 2", "1.5 min", report_pages.sha256(ROOT / "environment.txt")[:16]):
-        assert shown in text
-    assert str(ROOT) not in text

@@ -63,11 +63,6 @@ def test_no_page_of_the_teachers_is_left(sources):
     assert (sources / "_build" / "generated" / "api").exists() == (GENERATED / "api").exists()
 
 
-def test_the_source_of_the_solutions_is_kept_back():
-    assert studentbook._keep_back(None, "workbench.course.exercises.kalman") == ("", {})
-    assert studentbook._keep_back(None, "workbench.course.grading") is None
-
-
 @pytest.mark.heavy
 def test_the_zip_is_whole_and_holds_no_solution(tmp_path):
     target = tmp_path / "student.zip"

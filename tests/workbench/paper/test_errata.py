@@ -5,13 +5,10 @@ import itertools
 import numpy as np
 import pytest
 
-from trinolab.datasets import load_calibration, load_rig, load_table1
-from trinolab.rigid import nearest_rotation
 from trinolab.workspace.cones import Cone, inside
 from workbench.paper.errata import ERRATA, effects
 from workbench.paper.errata.markers import printed_bisection
-from workbench.paper.errata.pose import printed_points, printed_rotation_error
-from workbench.paper.errata.workspace import printed_cones, printed_workspace_volume
+from workbench.paper.errata.workspace import printed_cones
 from workbench.paper.ledger import Effect
 
 # What each effect must be by the printed and by the corrected form, and a tolerance, from numbers
@@ -127,15 +124,6 @@ def test_the_printed_formulas_lie_on_the_printed_cones(b1, b2, w):
         np.testing.assert_allclose(angle, w, atol=1e-12)
 
 
-def test_the_printed_axes():
-    b1, b2 = np.deg2rad(60.0), np.deg2rad(50.0)
-    one, two, three = printed_cones(1.0, b1, b2, 0.3)
-    np.testing.assert_allclose(one.axis, [-np.cos(b1), 0, np.sin(b1)], atol=1e-15)
-    np.testing.assert_allclose(two.axis, [np.cos(b2), 0, np.sin(b2)], atol=1e-15)
-    np.testing.assert_allclose(three.axis, [-1, 0, 0], atol=1e-15)
-    np.testing.assert_allclose(three.apex, [0.5, np.sqrt(0.5), 0.5], atol=1e-15)
-
-
 @pytest.mark.parametrize("degrees", [10, 44])
 def test_no_point_counts_as_inside_the_printed_workspace(degrees):
     # Independent of the cutting planes: points in a wide box and far around it.
@@ -147,88 +135,9 @@ def test_no_point_counts_as_inside_the_printed_workspace(degrees):
         assert not inside(list(three), points).any()
 
 
-def test_the_printed_workspace_is_empty_below_45_degrees():
-    # With a half angle over 45 deg the printed cones do meet somewhere, so "empty" is no property
-    # of the test.
-    volumes = [printed_workspace_volume(np.deg2rad(degrees)) for degrees in (10, 27, 44, 60)]
-    assert [volume > 0 for volume in volumes] == [False, False, False, True]
-
-
-def test_the_printed_rotation_is_none():
-    frobenius, entry = printed_rotation_error()
-    assert entry == pytest.approx(3.0e-4, abs=0.05e-4)
-    assert frobenius > 1.5e-4  # the most that rounding nine entries to four decimals can do
-
-
-@pytest.mark.parametrize("form", [0, 1])
-def test_the_printed_forms_are_those_of_the_paper(form):
-    """Eq. 20 typed from the paper with its focal lengths, for one point."""
-    rng = np.random.default_rng(2)
-    R, T = rng.normal(size=(3, 3)), rng.normal(size=3)
-    (r1, r2, r3), (r4, r5, r6), (r7, r8, r9) = R
-    f_l, f_r, X_l, Y_l, X_r, Y_r = 2900.0, 2800.0, 120.0, -80.0, 60.0, 40.0
-    below = r7 * X_l + r8 * Y_l + r9 * f_l
-    z = (
-        f_l * (f_r * T[0] - X_r * T[2]) / (X_r * below - f_r * (r1 * X_l + r2 * Y_l + r3 * f_l)),
-        f_l * (f_r * T[1] - Y_r * T[2]) / (Y_r * below - f_r * (r4 * X_l + r5 * Y_l + r6 * f_l)),
-    )[form]
-    point = printed_points(np.array([[X_l, Y_l]]) / f_l, np.array([[X_r, Y_r]]) / f_r, R, T, form)
-    np.testing.assert_allclose(point, [[z * X_l / f_l, z * Y_l / f_l, z]], rtol=1e-12)
-
-
 def test_the_printed_bisection_ends_where_it_can():
     image = np.zeros((20, 40))
     image[5:9, 5:9], image[5:9, 25:29] = 100.0, 200.0
     assert printed_bisection(image, 1) == (1, 1)  # 100 is not above T_0 = 100
     assert printed_bisection(image, 2) == (2, 2)  # then 50
     assert printed_bisection(image, 3) == (np.inf, 2)  # too few: down for ever
-
-
-def eq20(left, right, R, T):
-    """Points of the left frame from normalised image coordinates (f = 1), by the first form of
-    Eq. 20 as printed.
-    """
-    (X_l, Y_l), (X_r, _) = left.T, right.T
-    z = (T[0] - X_r * T[2]) / (
-        X_r * (R[2, 0] * X_l + R[2, 1] * Y_l + R[2, 2]) - (R[0, 0] * X_l + R[0, 1] * Y_l + R[0, 2])
-    )
-    return np.column_stack([z * X_l, z * Y_l, z])
-
-
-@pytest.fixture
-def seen():
-    """Table 1's points, and their normalised coordinates in CCD1 and CCD2."""
-    points = load_table1().set_poses.translation
-    right = load_rig("paper_pair").cameras[1].T_cam_world.apply(points)
-    return points, points[:, :2] / points[:, 2:], right[:, :2] / right[:, 2:]
-
-
-def test_the_printed_rotation_moves_table1_along_z(seen):
-    points, left, right = seen
-    _, _, R_rl, T_rl = load_calibration()
-    for inverse, shift in ((R_rl.T, -0.63), (np.linalg.inv(R_rl), 0.63)):
-        moved = eq20(left, right, inverse, -inverse @ T_rl) - points
-        assert np.linalg.norm(moved, axis=1).mean() == pytest.approx(0.64, abs=0.01)  # mm
-        assert moved[:, 2].mean() == pytest.approx(shift, abs=0.01)
-    exact = nearest_rotation(R_rl).as_matrix().T
-    np.testing.assert_allclose(eq20(left, right, exact, -exact @ T_rl), points, atol=1e-9)  # mm
-
-
-def test_the_printed_direction_of_eq25_misses_by_centimetres_in_eq20(seen):
-    points, left, right = seen
-    _, _, R_rl, T_rl = load_calibration()
-    missed = np.linalg.norm(eq20(left, right, R_rl, T_rl) - points, axis=1)
-    assert missed.mean() == pytest.approx(48, abs=0.5)  # mm
-    assert missed.max() == pytest.approx(124, abs=0.5)
-
-
-@pytest.mark.parametrize(
-    ("make", "given", "name"),
-    [
-        (printed_cones, (1.0, 0.0, 1.0, 0.3), "beta1"),
-        (printed_workspace_volume, (2.0,), "half_angle"),
-    ],
-)
-def test_what_is_no_angle_is_refused(make, given, name):
-    with pytest.raises(ValueError, match=name):
-        make(*given)

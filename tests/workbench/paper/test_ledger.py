@@ -17,7 +17,6 @@ from workbench.paper import ledger
 from workbench.paper.errata import ERRATA
 from workbench.paper.ledger import (
     Effect,
-    Entry,
     equations_named,
     errata_page,
     index_page,
@@ -122,23 +121,13 @@ def load(tmp_path, monkeypatch):
     return from_text
 
 
-def test_an_entry_is_read(load):
-    tests = ("tests/t.py::test_t",)
-    wanted = Entry("1", "3.2", "x", "misprint", "y", "Wrong.", ("a.b",), tests, "02_workspace")
-    assert load(BOTH)[0] == wanted
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ("what =", "waht =", "entry 1: 'what' is missing"),
         ("what =", 'note = "a"\nwhat =', "entry 1: 'note' is not a field"),
-        ('"misprint"', '"wrong"', "Eq. 1: expected a status of"),
         ('"misprint"', '"as printed"', "Eq. 1: expected a corr"),
-        ('corrected = "y"', 'corrected = ""', "Eq. 1: expected a corrected form"),
         ('["a.b"]', "[1]", "functions: expected a list of strings"),
-        ('"02_workspace"', "2", "chapter: expected a string, got 2"),
-        ("[[text]]", "[[txt]]", "'text' is missing"),
     ],
 )
 def test_a_wrong_ledger_is_named_with_its_field(load, old, new, message):
@@ -188,27 +177,6 @@ def test_the_tests_of_an_equation_can_be_pasted():
     assert tuple(words[1:]) == EQUATIONS[19].tests
 
 
-def test_chapters_have_labels_before_their_own_equations_alone():
-    for entry in EQUATIONS:
-        for path in ROOT.glob("notebooks/*.ipynb"):
-            text = text_of(path.stem)
-            labels = text.count(f"(eq-{entry.no})=\n")
-            assert labels <= (path.stem == entry.chapter), f"eq-{entry.no} in {path.stem}"
-            if labels:
-                after = text.split(f"(eq-{entry.no})=\n")[1]
-                assert after.startswith(("$$", r"\begin{"))
-                assert rf"\tag{{{entry.no}}}" in after.split("\n\n")[0]
-
-
-def test_the_errata_have_a_place_for_every_link_of_the_index():
-    everything = {entry.no: EFFECTS["20"] for entry in LEDGER}
-    links = set(re.findall(r"<(erratum-[\w-]+)>", index_page(LEDGER, everything)))
-    places = re.findall(r"^\((erratum-[\w-]+)\)=$", errata_page(LEDGER, everything), re.MULTILINE)
-    assert len(links) == 27
-    assert len(set(places)) == len(places) == len(LEDGER)
-    assert links <= set(places)
-
-
 def test_the_errata_keep_errors_ambiguities_and_limits_apart():
     page = errata_page(LEDGER, {"22": EFFECTS["20"]})
     parts = re.split(r"^## (.+)$", page, flags=re.MULTILINE)[1:]
@@ -238,7 +206,6 @@ def test_an_erratum_shows_both_forms_and_the_effect():
         (-1e-9, "0"),
         (float("inf"), "infinite"),
         (float("nan"), "undefined"),
-        (8, "8"),
         (1234.5, "1234"),
     ],
 )
@@ -250,10 +217,8 @@ def test_numbers_for_a_table(value, text):
     ("low", "high", "said"),
     [
         (1.5, None, "at least 1.5"),
-        (None, 0.02, "at most 0.02"),
         (None, 1e-12, "0"),
         (0.5, 2.0, "0.5 to 2"),
-        (1.0, 1.0, "1"),
     ],
 )
 def test_what_an_effect_must_be_in_words(low, high, said):

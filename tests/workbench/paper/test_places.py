@@ -28,9 +28,3 @@ def test_the_line_that_is_named_begins_the_function(number):
     assert any(line.startswith("test ") for line in lines)
     assert lines[-1].startswith("chapter   notebooks/")
     assert (ROOT / lines[-1].split()[1]).exists()
-
-
-@pytest.mark.parametrize("number", [0, 28])
-def test_other_numbers_are_refused(number):
-    with pytest.raises(ValueError, match=rf"equations 1 to 27, got {number}"):
-        equation(number)

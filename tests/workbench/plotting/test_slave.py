@@ -7,18 +7,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from processes import without_display
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.camera import Camera
-from workbench.plotting.slave import plot_arm, plot_session
+from workbench.plotting.slave import plot_arm
 
 mujoco = pytest.importorskip("mujoco")
 
 from workbench.teleop import view  # noqa: E402
 from workbench.teleop.view import ForceArrow, SlaveView, geom_scene  # noqa: E402
 
-NONE, BARREL, MIXED = (0.0,) * 5, (-0.3, 0.1, 0.0, 0.0, 0.0), (0.12, -0.05, 0.004, -0.003, 0.01)
+NONE, MIXED = (0.0,) * 5, (0.12, -0.05, 0.004, -0.003, 0.01)
 
 
 def seen_from(eye, at):
@@ -38,11 +37,9 @@ def camera_of(size, focal, centre, distortions=NONE, eye=(900.0, -700.0, 600.0))
 
 CAMERAS = {
     "even": camera_of((640, 480), (700.0, 700.0), (319.5, 239.5)),
-    "odd": camera_of((641, 363), (650.0, 650.0), (320.0, 181.0)),
     "off centre": camera_of((400, 301), (420.0, 420.0), (120.3, 211.7), eye=(-500.0, 800.0, 30.0)),
     "fx is not fy": camera_of((301, 500), (380.0, 520.0), (170.2, 201.9)),
     "outside": camera_of((320, 200), (900.0, 800.0), (-150.0, 333.0)),
-    "barrel": camera_of((480, 361), (400.0, 410.0), (250.0, 170.0), BARREL),
     "mixed": camera_of((361, 480), (500.0, 480.0), (180.0, 260.0), MIXED),
 }
 
@@ -157,7 +154,6 @@ def test_each_shape_has_its_size_and_stands_as_the_model_says(name, euler):
         ('material="lamp"', (0, 0, 255)),
         ('material="lamp" group="2"', (0, 0, 255)),
         ('material="lamp" group="3"', (0, 0, 0)),  # what is not for the eye
-        ('material="lamp" group="5"', (0, 0, 0)),
         ('rgba="1 1 1 0"', (0, 0, 0)),
     ],
 )
@@ -183,17 +179,6 @@ def test_an_endless_plane_reaches_far_and_hides_nothing_that_is_before_it():
     # 0.4 mm above the box below it, and without holes
     assert (image[v, u].argmax(axis=1) == 2).all()
     assert (image[camera.size[1] - 1] > 0).any(axis=1).all()
-
-
-def test_a_thing_close_before_the_camera_is_seen_over_an_endless_plane():
-    camera = CAMERAS["even"]
-    x, y, z = (camera.centre + 20 * camera.axis) / 1000
-    image = one(
-        f'<geom size=".002" pos="{x} {y} {z}" rgba="0 1 0 1"/><geom type="plane" size="0 0 1" rgba="1 0 0 1"/>'
-    )
-    v, u = np.nonzero(image.argmax(axis=2) == 1)
-    np.testing.assert_allclose([u.mean(), v.mean()], camera.principal_point, atol=0.3)
-    assert u.max() - u.min() == pytest.approx(2 * 700 * 2 / 20, abs=2)
 
 
 def test_a_view_follows_the_state_of_the_model():
@@ -231,17 +216,6 @@ def test_a_force_is_as_long_as_it_is_strong():
         assert not view.render(settled(model)).any()
 
 
-def test_a_lens_bends_the_picture_and_its_dark_corners_are_the_background():
-    camera = camera_of((301, 201), (150.0, 150.0), (150.0, 100.0), (-0.25, 0.0, 0.0, 0.0, 0.0))
-    ideal = camera.ideal_pixels([(0.0, 0.0)])[0]
-    assert ideal[0] < -30 or np.isnan(ideal[0])
-    with SlaveView(model_of('<geom type="plane" size="0 0 1"/>'), camera, "#102030") as view:
-        image = view.render(settled(model_of('<geom type="plane" size="0 0 1"/>')))
-    assert image.shape == (201, 301, 3)
-    assert tuple(image[0, 150]) == (0x10, 0x20, 0x30)  # sky
-    assert tuple(image[200, 150]) != (0x10, 0x20, 0x30)
-
-
 LARGE = camera_of((9000, 20), (700.0, 700.0), (320.0, 240.0))
 STRONG = camera_of((640, 480), (450.0, 450.0), (320.0, 240.0), (-0.69, 0.273, 0.0, 0.0, -0.0398))
 MESH = (
@@ -254,8 +228,6 @@ BOX = '<geom type="box" size=".1 .1 .1"/>'
 @pytest.mark.parametrize(
     ("make", "arguments", "line"),
     [
-        (SlaveView, ("model", CAMERAS["even"]), "model: expected a mujoco.MjModel, got str"),
-        (SlaveView, (model_of(BOX), "camera"), "camera: expected a Camera, got str"),
         (
             SlaveView,
             (model_of(BOX), LARGE),
@@ -268,10 +240,7 @@ BOX = '<geom type="box" size=".1 .1 .1"/>'
             (model_of(*MESH),),
             r"model: expected simple shapes, got geom 0 \(tool\): mesh",
         ),
-        (ForceArrow, ((0, 0), (0, 0, 1)), "origin_mm: expected shape"),
-        (ForceArrow, ((0, 0, 0), (0, 0, "x")), "force_n: expected numbers"),
         (ForceArrow, ((0, 0, 0), (0, 0, 1), 0.0), "mm_per_n: expected a number"),
-        (ForceArrow, ((0, 0, 0), (0, 0, 1), 1.0, np.nan), "radius_mm: expected a number"),
     ],
 )
 def test_a_wrong_argument_is_refused(make, arguments, line):
@@ -281,33 +250,14 @@ def test_a_wrong_argument_is_refused(make, arguments, line):
 
 def test_data_of_another_model_and_a_closed_view_are_refused():
     model = model_of(BOX)
-    with SlaveView(model, CAMERAS["even"]) as view:
-        for other in (settled(model_of(BOX + BOX)), None):
-            with pytest.raises(ValueError, match="data: expected the MjData of this model"):
-                view.render(other)
-        with pytest.raises(ValueError, match="force: expected a ForceArrow, got tuple"):
-            view.render(settled(model), (0, 0, 1))
+    view = SlaveView(model, CAMERAS["even"])
+    with pytest.raises(ValueError, match="data: expected the MjData of this model"), view:
+        view.render(settled(model_of(BOX + BOX)))
     with pytest.raises(ValueError, match="view: expected an open one"):
         view.render(settled(model))
 
 
-WITHOUT_DISPLAY = """
-import mujoco, numpy as np
-from trinolab.camera import Camera
-from scipy.spatial.transform import RigidTransform
-from workbench.teleop.view import SlaveView
-model = mujoco.MjModel.from_xml_string('<mujoco/>')
-camera = Camera('s', (640, 480), np.diag([700, 700, 1]), [0] * 5, RigidTransform.identity())
-print(SlaveView(model, camera).render(mujoco.MjData(model)).shape)
-"""
-
-
-@pytest.mark.heavy
-def test_a_machine_without_a_display_renders_silently():
-    assert without_display(WITHOUT_DISPLAY) == (0, "(480, 640, 3)", "")
-
-
-# --- figures: the arm's frames, a session, a two-port
+# --- figures and displays
 
 
 def test_an_arm_is_drawn_through_the_origins_of_its_frames():
@@ -323,29 +273,8 @@ def test_an_arm_is_drawn_through_the_origins_of_its_frames():
         plot_arm(frames, ["base", "tool"])
 
 
-def test_a_session_has_a_panel_each_and_shades_the_stretches_in_all():
-    t = np.linspace(0, 3, 7)
-    panels = {"a / mm": {"hand": t, "tool": 2 * t}, "b / N": {"": t**2}}
-    for ax, curves in zip(
-        plot_session(t, panels, {"open": [(0.5, 1.0), (2.0, 2.5)]}).axes,
-        panels.values(),
-        strict=True,
-    ):
-        for line, y in zip(ax.lines, curves.values(), strict=False):
-            np.testing.assert_allclose(line.get_ydata(), y)
-        spans = [(patch.get_x(), patch.get_x() + patch.get_width()) for patch in ax.patches]
-        np.testing.assert_allclose(spans, [(0.5, 1.0), (2.0, 2.5)])
-
-
-@pytest.mark.parametrize(
-    ("window", "there", "can"),
-    [
-        ("vtkEGLRenderWindow", (), True),
-        ("vtkOSOpenGLRenderWindow", ("libOSMesa.so.6",), True),
-        ("vtkOSOpenGLRenderWindow", (), False),
-    ],
-)
-def test_a_machine_that_cannot_render_is_told_what_to_install(monkeypatch, window, there, can):
+@pytest.mark.parametrize("there", [("libOSMesa.so.6",), ()])
+def test_a_machine_that_cannot_render_is_told_what_to_install(monkeypatch, there):
     """VTK would end the process."""
 
     def load(name):
@@ -353,8 +282,8 @@ def test_a_machine_that_cannot_render_is_told_what_to_install(monkeypatch, windo
             raise OSError(f"{name}: cannot open shared object file")
 
     monkeypatch.setattr(view.ctypes, "CDLL", load)
-    shown = SimpleNamespace(GetClassName=lambda: window)
+    shown = SimpleNamespace(GetClassName=lambda: "vtkOSOpenGLRenderWindow")
     plotter = SimpleNamespace(render_window=shown, close=lambda: None)
     refused = pytest.raises(ValueError, match=r"without a display \(Debian packages: libegl1")
-    with nullcontext() if can else refused:
+    with nullcontext() if there else refused:
         view.can_render(plotter)

@@ -7,7 +7,7 @@ from processes import without_display
 from trinolab.workspace import intersect, surface_mesh
 from trinolab.workspace.cones import paper_cones
 from workbench.plotting import workspace as scenes
-from workbench.plotting.workspace import plot_workspace, workspace_plotter, workspace_scene
+from workbench.plotting.workspace import plot_workspace, workspace_scene
 
 
 @pytest.fixture(scope="module")
@@ -51,19 +51,3 @@ def test_scene_without_a_display_is_silent_and_opens_no_connection():
         "print(len(workspace_scene(c, m).data) > 500_000)"
     )
     assert without_display(code) == (0, "True", "")
-
-
-def test_names_of_the_scene_stand_beside_their_own_cameras(cones_and_mesh):
-    names = ["CCD1", "CCD2", "CCD3"]
-    plotter = workspace_plotter(*cones_and_mesh, names)
-    # the workspace; and of each camera its cone, apex, axis and name
-    assert len(plotter.renderer.actors) == 1 + 4 * 3
-    apexes = np.array([cone.apex for cone in cones_and_mesh[0]])
-    for k, name in enumerate(names):
-        letters = np.array(plotter.renderer.actors[name].mapper.dataset.points)
-        away = np.linalg.norm(letters[:, None] - apexes, axis=2).min(axis=0)
-        assert away.argmin() == k
-        assert 0 < away[k] < 60  # mm
-        seen_from = scenes.SEEN_FROM / np.linalg.norm(scenes.SEEN_FROM)
-        assert np.ptp(letters @ seen_from) < 1e-3  # they face the first view
-    plotter.close()

@@ -152,6 +152,16 @@ class Tab:
         self._socket.shutdown()  # also one that the other side has broken off
 
 
+# How many colours a canvas has.
+SHADES = """(id => {
+    const canvas = $(id), all = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+    const shades = new Set();
+    for (let k = 0; k < all.length; k += 4)
+        if (all[k + 3] === 255) shades.add(all[k] << 16 | all[k + 1] << 8 | all[k + 2]);
+    return shades.size;
+})"""
+
+
 def shows(browser, what):
     """Wait until an expression holds in the page."""
     return wait_until(lambda: browser.evaluate(f"Boolean({what})"))

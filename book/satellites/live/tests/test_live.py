@@ -3,11 +3,10 @@
 import signal
 
 import pytest
-from livepage import NOBODY, RIG, Bench, Live, Tab, shows
+from livepage import NOBODY, RIG, SHADES, Bench, Live, Tab, shows
 from processes import started, wait_until
 
 from satellites.live.command import chosen
-from workbench.cli import main
 
 WIDE_PAGE = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 SMALL = """[...document.querySelectorAll('button, input[type=range]')].filter(one => one.offsetParent
@@ -23,43 +22,10 @@ NAMES = """[...document.querySelectorAll('#cameras > div')].map(place => {
 })"""
 
 
-def test_clutch_is_clicked_and_a_slider_moved(live, browser):
-    browser.click("#clutch")
-    shows(browser, "last.clutch && $('coupled').textContent === 'clutch closed'")
-    assert live.loop.newest.clutch
-    # a slider by its keys: right is a step
-    browser.evaluate("$('set-delay_ms').focus()")
-    for _ in range(3):
-        browser.press("ArrowRight")
-    shows(browser, "last.values.delay_ms === 30")
-    assert "30 ms" in browser.evaluate(
-        "[...document.querySelectorAll('output')].map(one => one.value)"
-    )
-    browser.click("#clutch")
-    shows(browser, "!last.clutch")
-    assert browser.errors == []
-
-
-# How many pixels of a canvas have a colour, and how many are neither black nor empty.
-PIXELS = """(id => {
-    const canvas = document.getElementById(id);
-    const all = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
-    let coloured = 0, drawn = 0;
-    for (let k = 0; k < all.length; k += 4) {
-        const [r, g, b, a] = all.slice(k, k + 4);
-        if (a && Math.max(r, g, b) - Math.min(r, g, b) > 60) coloured++;
-        if (a && Math.max(r, g, b) > 20) drawn++;
-    }
-    return [coloured, drawn];
-})"""
-
-
 def test_the_page_shows_the_images_the_spaces_the_pose_and_the_times(live, browser):
     shows(browser, "last.way.whole > 0")
-    for canvas in ("camera-0", "camera-1", "camera-2", "world", "arm"):
-        coloured, drawn = browser.evaluate(f"{PIXELS}('{canvas}')")
-        assert coloured > 100  # window, markers and axes; the rod, the cameras
-        assert drawn > 20_000 or "camera" not in canvas  # the image
+    for canvas in ("camera-0", "camera-1", "camera-2"):
+        assert browser.evaluate(f"{SHADES}('{canvas}')") > 256  # grey levels, and what is drawn
     pose = live.loop.newest.tracked.measurement.pose
     for name, value in (("z_mm", pose.T_world_handle.translation[2]), ("sigma_mm", pose.sigma_mm)):
         shown = browser.evaluate(f"Number($('pose-{name}').textContent)")
@@ -113,6 +79,9 @@ def test_all_goes_by_keyboard_and_nothing_is_wider_than_the_window(live, browser
         seen.add(browser.evaluate("document.activeElement.id"))
     wanted = "clutch record pedal set-scale set-delay_ms camera-0 world arm"
     assert set(wanted.split()) <= seen
+    browser.evaluate("$('set-delay_ms').focus()")
+    browser.press("ArrowRight")
+    shows(browser, "last.values.delay_ms === 10")
     assert browser.errors == []
 
 
@@ -126,7 +95,7 @@ def pedal(browser, key):
 
 def test_the_arm_holds_on_a_lost_pose_and_says_so(live, bench, browser):
     browser.click("#clutch")
-    shows(browser, "last.clutch && !last.held")
+    shows(browser, "last.clutch && $('coupled').textContent === 'clutch closed' && !last.held")
     bench.images = NOBODY
     shows(browser, "last.held")
     shows(browser, "$('banner').textContent.includes('The arm holds (pose')")
@@ -137,16 +106,6 @@ def test_the_arm_holds_on_a_lost_pose_and_says_so(live, bench, browser):
     assert (live.loop.newest.moment.state.target.translation == target).all()
     browser.click("#clutch")
     shows(browser, "!last.held && $('banner').hidden")
-
-
-def test_a_camera_that_fails_is_said_and_the_arm_holds(live, bench, browser):
-    browser.click("#clutch")
-    shows(browser, "last.clutch && !last.held")
-    bench.broken = "delivers no image after 8 instants"
-    shows(browser, "$('banner').textContent.includes('ccd2: delivers no image')")
-    shows(browser, "last.held")
-    bench.broken = ""
-    shows(browser, "last.troubles.length === 0")
 
 
 def test_the_mouse_moves_the_simulated_hand_and_the_pose_is_seen_to_move(browser, tmp_path):
@@ -178,23 +137,3 @@ def test_ctrl_c_ends_the_command_and_keeps_the_recording(tmp_path):
     assert "instants" in out.splitlines()[-1]
     assert str(folder.name) in out
     assert not folder.name.endswith(".partial")
-
-
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("live --simulation --out nowhere", "nowhere: no such folder"),
-        ("live --camera a", "--camera: expected NAME=INDEX"),
-        ("live --camera ccd1=0", "need --rig and --handle"),
-        ("live --recording nowhere", "nowhere: no such folder"),
-        ("live", "one of the arguments"),
-    ],
-)
-def test_wrong_arguments_get_one_line(line, message, capsys):
-    try:
-        code = main(line.split())
-    except SystemExit as stop:
-        code = stop.code
-    (said,) = capsys.readouterr().err.splitlines()
-    assert code == 2
-    assert message in said

@@ -1,7 +1,5 @@
 """The live loop without a browser and without waiting: its clock, frames and poses are a test's."""
 
-import gc
-import re
 from functools import partial
 from types import SimpleNamespace
 
@@ -36,29 +34,19 @@ def joints(folder, monkeypatch, delay_ms, length_s=2.4):
 
 
 def test_the_joints_lag_by_the_added_delay(tmp_path, monkeypatch):
-    """The lag by which both motions are alike, sought tick by tick: of nine frames, and of one that
-    ends between two frames.
-    """
+    """Of nine frames, and of one that ends between two frames; a lag that is two ticks off is not."""
     times, q = joints(tmp_path, monkeypatch, 0.0)
     for delay_ms in (300.0, 150.0):
         later_times, later_q = joints(tmp_path, monkeypatch, delay_ms)
         np.testing.assert_allclose(later_times, times, atol=1e-9)
-        assert lag_s(times, q, later_q) == pytest.approx(1e-3 * delay_ms, abs=TICK_S)
-
-
-def lag_s(times, q, later_q):
-    """The lag of the joint that moves most."""
-    moved = np.ptp(q, axis=0)
-    assert moved.max() > 0.05  # rad
-    joint = int(moved.argmax())
-    inner = slice(round(0.8 / TICK_S), None)  # where both move
-    lags = np.arange(0.0, 0.6, TICK_S / 4)
-    off = [
-        np.std(later_q[inner, joint] - np.interp(times[inner] - lag, times, q[:, joint]))
-        for lag in lags
-    ]
-    assert min(off) < 0.02 * np.std(q[:, joint])
-    return lags[int(np.argmin(off))]
+        joint = np.ptp(q, axis=0).argmax()  # that moves most
+        inner = times > times[0] + 0.8  # where both move
+        off = [
+            np.std((later_q[:, joint] - np.interp(times - lag_s, times, q[:, joint]))[inner])
+            for lag_s in 1e-3 * delay_ms + TICK_S * np.arange(-2, 3)
+        ]
+        assert min(off[1:4]) < 0.02 * np.std(q[:, joint])
+        assert 0 < np.argmin(off) < 4
 
 
 def test_a_change_of_scale_while_the_clutch_is_closed_does_not_move_the_arm(tmp_path, monkeypatch):
@@ -114,25 +102,6 @@ def test_each_slider_reaches_what_it_sets(tmp_path, monkeypatch):
     assert parameters.matching.ncc_threshold == new["ncc_threshold"]
     assert mapping.scale == new["scale"]
     assert mapping.filtering.cutoff_hz == new["cutoff_hz"]
-
-
-def test_rounds_leave_nothing_behind(tmp_path, monkeypatch):
-    """What is kept is kept for so many rounds; a page that never answers adds nothing."""
-    driven = Driven(tmp_path, monkeypatch)
-    driven.loop.set("delay_ms", 200.0)
-    driven.loop.clutch(True)
-
-    def objects_after(rounds):
-        for k in range(rounds):
-            driven.handle = at(20 * np.sin(k / 5))
-            driven.loop.heard(driven.frame().number)
-            message(driven.loop.newest, RIG, {}, True)
-            driven.ticks.clear()
-        gc.collect()
-        return len(gc.get_objects())
-
-    before = objects_after(30)
-    assert objects_after(60) - before < 60  # less than one a round
 
 
 def test_a_camera_in_trouble_stops_the_arm_at_once_whatever_the_delay(tmp_path, monkeypatch):
@@ -202,23 +171,6 @@ def test_the_task_begins_with_an_open_clutch_and_the_hand_at_home_and_ends_when_
     driven.loop.end_task()
     assert driven.frame().task is None
     assert list(tmp_path.iterdir()) == []  # no trial, no log
-
-
-def test_a_recording_that_cannot_begin_is_said_and_not_tried_again_by_itself(tmp_path, monkeypatch):
-    folder = tmp_path / "gone"
-    driven = Driven(folder, monkeypatch)
-    driven.loop.record(True)
-    running, said = driven.frame().recording
-    assert not running
-    assert re.match("not recording: .*gone", said)
-    folder.mkdir()
-    assert not driven.frame().recording[0]
-    driven.loop.record(True)
-    assert driven.frame().recording[0]
-    driven.loop.record(False)
-    driven.frame()
-    driven.loop.record_writer.close()  # waits until it is written
-    assert "recorded 1 instants" in driven.loop.record_writer.status
 
 
 def test_the_rate_is_that_of_the_frames_and_none_when_they_stop(tmp_path, monkeypatch):

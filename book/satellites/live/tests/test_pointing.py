@@ -3,7 +3,6 @@
 import re
 
 import numpy as np
-import pandas as pd
 import pytest
 from livepage import Live, shows
 from scipy.spatial.transform import Rotation
@@ -78,7 +77,9 @@ def test_a_trial_by_hand(tmp_path):
 
 
 def test_the_targets_come_right_and_left_and_the_log_is_judged_as_the_studys(tmp_path):
-    played = Played(tmp_path / "log.csv", [[40.0, 10.0], [80.0, 20.0]], times=3)
+    path, rng = tmp_path / "log.csv", np.random.default_rng(0)
+    write_log(point(np.array([[40.0, 20.0]]), "continuous", 1.0, 0.0, rng), path)
+    played = Played(path, [[40.0, 10.0], [80.0, 20.0]], times=3)
     sides = []
     for k in range(6):
         doing = played.to_target()
@@ -88,8 +89,11 @@ def test_the_targets_come_right_and_left_and_the_log_is_judged_as_the_studys(tmp
         played.along = doing.aim + (k % 3)
         played.round(0.5 + 0.1 * k)
         played.press()
+        assert len(read_log(path)) == 2 + k  # each is kept at once
     assert sides == [1, -1, 1, -1, 1, -1]
-    log = read_log(tmp_path / "log.csv")
+    log = read_log(path)
+    assert list(log["operator"]) == ["continuous"] + 6 * ["Ann"]
+    log = log[1:]  # its own
     assert (
         sorted(zip(log["distance_mm"], log["width_mm"], strict=True))
         == [(40.0, 10.0)] * 3 + [(80.0, 20.0)] * 3
@@ -127,32 +131,13 @@ def test_what_is_not_on_the_target_or_not_seen_yet_does_not_count(tmp_path):
     assert played.round() is None
 
 
-def test_a_second_run_adds_to_the_log_of_a_model_and_each_trial_is_kept_at_once(tmp_path):
-    path = tmp_path / "log.csv"
-    write_log(
-        point(np.array([[40.0, 20.0]]), "continuous", 1.0, 0.0, np.random.default_rng(0)), path
-    )
-    played = Played(path, [[40.0, 20.0]], times=2)
-    doing = played.to_target()
-    played.along = doing.aim
-    played.press()
-    log = read_log(path)
-    assert list(log["operator"]) == ["continuous", "Ann"]
-    assert list(log["task"]) == [0, 1]
-    assert "1 target:" in played.task.status  # its own
-    played.task.end()
-    assert "1 target:" in played.task.status
-
-
 @pytest.mark.parametrize(
     ("operator", "times", "words"),
     [
         ("", 1, "name"),
-        (3, 1, "name"),
         ("A\nB", 1, "name"),
         ("Ann", 0, "times"),
         ("Ann", 11, "times"),
-        ("Ann", "2", "times"),
         ("Ann", 1, ".*column 'task' is missing"),
     ],
 )
@@ -184,34 +169,19 @@ def test_trials_are_kept_when_there_is_room_again(tmp_path, monkeypatch):
     assert len(read_log(path)) == 2
 
 
-def test_all_targets_of_the_study_come_and_the_order_differs():
-    orders = []
-    for _ in range(2):
-        task = Pointing(pointing.Path("none.csv"), Rotation.identity())
-        for _ in range(len(orders) + 1):
-            task.begin("Ann", 2, 0.0)
-        orders.append(pd.DataFrame(task.trials))
-    assert (orders[0].value_counts() == 2).all()
-    assert len(orders[0].value_counts()) == 9
-    assert not orders[0].equals(orders[1])
-
-
 @pytest.mark.heavy
-def test_a_scripted_person_plays_a_few_targets_with_the_mouse_and_by_keyboard(browser, tmp_path):
+def test_a_scripted_person_plays_a_few_targets_with_the_mouse(browser, tmp_path):
     with Live(chosen(seed=1), tmp_path) as live:
         browser.open(live.address, 400, 900)
         shows(browser, "last && last.status === 'measured'")
         browser.evaluate("$('operator').value = 'Ann'")
         browser.click("#begin")
         shows(browser, "last.task && last.task.what === 'close the clutch'")
-        wide = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
-        assert browser.evaluate(wide) <= 0
         shows(browser, "Math.abs(last.pose.x_mm) < 1 && Math.abs(last.pose.y_mm) < 1")
         browser.press("c")
-        # the first target with the mouse, the second by the arrow keys
-        for k, move in enumerate((dragged, stepped)):
-            steered(live, browser, MARK, move)
-            steered(live, browser, TARGET, move)
+        for k in range(2):
+            steered(live, browser, MARK)
+            steered(live, browser, TARGET)
             browser.press("t")
             shows(browser, f"last.task && last.task.done === {k + 1} || !last.task")
         shows(browser, "!last.task")
@@ -220,28 +190,17 @@ def test_a_scripted_person_plays_a_few_targets_with_the_mouse_and_by_keyboard(br
     log = read_log(tmp_path / "pointing.csv")
     assert list(log["operator"]) == ["Ann", "Ann"]
     assert list(log["distance_mm"]) == [40.0, 40.0]
-    found = performance(log)
     assert said.startswith("2 targets: ")
-    assert f"{found.throughput_bit_s:.2f} bit/s, {found.movement_s:.2f} s each" in said
     assert (log["error_mm"].abs() <= NEAR_MM + 1).all()  # the tool goes on until it is pressed
-    assert (log["end_s"] > log["start_s"]).all()
 
 
-def steered(live, browser, what, move):
-    """Move the hand once, by as much as its place is off, and wait until the tool has followed."""
+def steered(live, browser, what):
+    """Move the hand once by the mouse, by as much as its place is off, and wait until the tool has
+    followed.
+    """
     shows(browser, f"last.task.what === {what!r}")
     aim = browser.evaluate("last.task.aim")
-    move(browser, aim - live.loop.source.hand.goal.translation[0])
+    wide = browser.evaluate("$('front').clientWidth / frontWide(last.task)")
+    browser.drag("#front", (aim - live.loop.source.hand.goal.translation[0]) * wide, 0)
     near = f"Math.abs(last.task.aim - last.task.at[0]) < {NEAR_MM}"
     shows(browser, f"!last.task || last.task.what !== {what!r} || {near}")
-
-
-def dragged(browser, mm):
-    wide = browser.evaluate("$('front').clientWidth / frontWide(last.task)")
-    browser.drag("#front", mm * wide, 0)
-
-
-def stepped(browser, mm):
-    browser.evaluate("$('front').focus()")
-    for _ in range(round(abs(mm) / 2)):
-        browser.press("ArrowRight" if mm > 0 else "ArrowLeft")

@@ -17,7 +17,6 @@ from livepage import HANDLE, RIG, TOKEN, Bench, Live, Tab
 from processes import wait_until
 
 from satellites.live import command, server
-from satellites.live.loop import Loop
 from satellites.live.server import FILES, MOST_MM, PAGE, move_hand
 from satellites.live.sources import HOME, SimulatedHand
 
@@ -52,7 +51,6 @@ def test_the_page_and_its_files_are_there_and_nothing_else(live):
         assert (status, text) == (200, (PAGE / file).read_text(encoding="utf-8"))
         assert headers["Content-Type"].startswith(kind)
         assert "default-src 'none'" in headers["Content-Security-Policy"]
-        assert "Server" not in headers
     for other in ("server.py", "../loop.py", "page/live.js", "..%2f..%2f__init__.py", "index.html"):
         assert asked(live, f"/{TOKEN}/{other}")[0] == 404
     assert asked(live, f"/{TOKEN}")[0] == 302
@@ -74,7 +72,10 @@ def test_the_page_and_its_files_are_there_and_nothing_else(live):
 def test_nothing_is_there_without_the_token_for_another_page_or_by_another_name(
     live, path, headers
 ):
-    assert asked(live, path, **headers)[0] == 403
+    status, _, headers = asked(live, path, **headers)
+    assert status == 403
+    assert server.HEADERS.items() <= headers.items()
+    assert "Server" not in headers
 
 
 def test_it_listens_at_one_address_only(live):
@@ -94,12 +95,6 @@ def test_a_connection_needs_the_token_and_its_own_origin(live):
         Tab(f"http://{host}/guess/")
     with pytest.raises(websocket.WebSocketBadStatusException, match="403"):
         websocket.create_connection(f"ws://{host}/{TOKEN}/socket", suppress_origin=True)
-
-
-def test_the_page_loads_nothing_from_elsewhere():
-    for file, _ in FILES.values():
-        text = (PAGE / file).read_text(encoding="utf-8")
-        assert re.findall(r"//[^\s,]", text) == [], file
 
 
 def test_two_frames_are_under_way_at_most_and_what_is_sent_is_the_present(live):
@@ -158,7 +153,6 @@ NONSENSE = [
     '{"set": ["scale", 99]}',
     '{"set": ["scale", "2"]}',
     '{"set": ["colour", 1]}',
-    '{"set": 3}',
     '{"set": ["scale"]}',
     '{"set": ["scale", NaN]}',
     f'{{"set": ["scale", 1{"0" * 400}]}}',
@@ -173,18 +167,6 @@ def test_nonsense_is_refused_and_changes_nothing(live, tab, text):
     tab.send(text)
     assert tab.until(lambda said: "refused" in said)["refused"].startswith("not understood")
     assert tab.until(lambda said: "number" in said)["values"] == before
-
-
-def until_broken(tab):
-    with pytest.raises((websocket.WebSocketException, OSError, ValueError)):
-        tab.until(lambda said: False)
-
-
-def test_too_long_a_word_ends_the_connection_and_not_the_loop(live, tab):
-    tab.send("x" * 10_000)
-    until_broken(tab)
-    number = live.loop.newest.number
-    live.seen(lambda now: now.number > number)
 
 
 # --- the words of a page, without a page
@@ -223,52 +205,24 @@ def test_the_hand_goes_as_the_camera_of_the_picture_sees_it(camera):
     far = told(AtHome(), camera=camera, mm=[-900, 0, 0])
     way = T.apply(far.translation) - T.apply(HOME.translation)
     np.testing.assert_allclose(way, [-MOST_MM, 0, 0], atol=1e-3)
-
-
-def test_the_hand_goes_by_itself_or_home_and_is_drawn_as_it_is_told():
     hand = AtHome()
-    away = told(hand, alone=True)
+    for drawn in (True, "yes"):  # the second is not true in JSON
+        told(hand, drawn=drawn)
+        assert hand.drawn == (drawn is True)
+    told(hand, alone=True)
     assert hand.by_itself
-    assert np.linalg.norm(away.translation - HOME.translation) > 1
-    told(hand, drawn=True)
-    assert hand.drawn
-    told(hand, drawn="yes")  # not true in JSON
-    assert not hand.drawn
     home = told(hand, home=True)
-    assert not hand.by_itself
     np.testing.assert_allclose(home.as_matrix(), HOME.as_matrix(), atol=1e-3)
 
 
 @pytest.mark.parametrize(
     "how",
-    [
-        {"camera": float("inf")},
-        {"camera": 10**400},
-        {"mm": [10**400, 0, 0]},
-        {"camera": None},
-        "left",
-        {"mm": [1, 2]},
-        {"rad": [0, 0, float("inf")]},
-        {"mm": [[0, 0, 0]]},
-    ],
+    [{"camera": float("inf")}, {"camera": None}, "left", {"mm": [10**400, 0, 0]}, {"mm": [1, 2]}],
 )
 def test_the_hand_goes_nowhere_by_other_than_three_numbers_of_a_camera(how):
     loop = SimpleNamespace(source=SimpleNamespace(hand=AtHome(), rig=RIG))
     with pytest.raises(server.NONSENSE):
         move_hand(loop, how)
-
-
-@pytest.mark.parametrize("line", ["GET http://elsewhere.example/", "OPTIONS *", "GET nothing"])
-def test_what_is_asked_of_another_server_is_answered_with_the_policy(live, line):
-    host, port = live.address.split("/")[2].split(":")
-    with closing(socket.create_connection((host, int(port)), timeout=60)) as connection:
-        connection.sendall(f"{line} HTTP/1.1\r\nHost: {host}\r\nConnection: close\r\n\r\n".encode())
-        answer = b"".join(iter(lambda: connection.recv(4096), b"")).decode()
-    head = answer.partition("\r\n\r\n")[0]
-    assert head.splitlines()[0].split()[1] in ("403", "404", "405")
-    for name, value in server.HEADERS.items():
-        assert f"{name}: {value}" in head
-    assert "Server:" not in head
 
 
 def test_an_error_that_nobody_expects_is_logged_without_the_token(tab, monkeypatch, caplog):
@@ -277,68 +231,39 @@ def test_an_error_that_nobody_expects_is_logged_without_the_token(tab, monkeypat
 
     monkeypatch.setattr(server, "obey", fails)
     tab.send("{}")
-    until_broken(tab)
+    with pytest.raises((websocket.WebSocketException, OSError, ValueError)):
+        tab.until(lambda said: False)
     wait_until(lambda: "AssertionError: TOKEN and all that" in caplog.text)
     assert "Uncaught exception GET /TOKEN/socket" in caplog.text
     assert TOKEN not in caplog.text
 
 
-class Gone(nullcontext):
-    """A bench whose images cannot be had, once an event has happened."""
-
-    rig, handle, hand = RIG, HANDLE, None
-
-    def __init__(self, begin):
-        super().__init__()
-        self._begin = begin
-
-    def next(self, wait_s):
-        self._begin.wait(60)
-        raise ValueError("the bench is gone")
-
-
-@pytest.fixture
-def run_live(tmp_path):
-    """The command in a thread, since that of the tests may have a loop of the browser's; what it sets
-    for the process is put back.
+@pytest.mark.parametrize("at_once", [False, True])
+def test_a_loop_that_fails_ends_the_command_with_its_words(tmp_path, at_once):
+    """Once the page is open, or before. The command runs in a thread, since that of the tests may
+    have a loop of the browser's; what it sets for the process is put back.
     """
     threads, switch_s = cv2.getNumThreads(), sys.getswitchinterval()
-    with ThreadPoolExecutor(1) as pool:
-        yield lambda *given, **more: pool.submit(command.live, *given, **more).result(600)
-    cv2.setNumThreads(threads)
-    sys.setswitchinterval(switch_s)
-
-
-def test_a_loop_that_fails_ends_the_command_with_its_words(run_live, tmp_path):
-    opened = Event()
+    fails = Event()
     addresses = []
+
+    def wait_and_fail(wait_s):
+        fails.wait(60)
+        raise ValueError("the bench is gone")
 
     def on_open(address):
         addresses.append(address)
-        opened.set()
+        fails.set()
 
-    with pytest.raises(ValueError, match=r"^the bench is gone$"):
-        run_live(Gone(opened), tmp_path, on_open=on_open)
-    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/[\w-]{22}/", addresses[0])
+    if at_once:
+        fails.set()
+    bench = nullcontext()
+    bench.rig, bench.handle, bench.hand, bench.next = RIG, HANDLE, None, wait_and_fail
+    with ThreadPoolExecutor(1) as pool:
+        run = pool.submit(command.live, bench, tmp_path, on_open=on_open)
+        with pytest.raises(ValueError, match=r"^the bench is gone$"):
+            run.result(600)
+    assert at_once or re.fullmatch(r"http://127\.0\.0\.1:\d+/[\w-]{22}/", addresses[0])
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_loop_that_has_failed_before_the_page_is_open_ends_the_command_too(
-    run_live, tmp_path, monkeypatch
-):
-    at_once, ended = Event(), Event()
-    at_once.set()
-    run, bind_sockets = Loop.run_loop, server.bind_sockets
-
-    def run_and_say(loop):
-        run(loop)
-        ended.set()
-
-    def bind_late(*address):
-        ended.wait(60)
-        return bind_sockets(*address)
-
-    monkeypatch.setattr(Loop, "run_loop", run_and_say)
-    monkeypatch.setattr(server, "bind_sockets", bind_late)
-    with pytest.raises(ValueError, match=r"^the bench is gone$"):
-        run_live(Gone(at_once), tmp_path, on_open=lambda address: None)
+    cv2.setNumThreads(threads)
+    sys.setswitchinterval(switch_s)
