@@ -72,17 +72,13 @@ sheet: .venv/package.done  ## the data sheet of the standard rig in _build/sheet
 	@$(BIN)/trinolab accept --rig raised_40deg --handle coded --chart data/accept/history.csv --out _build/sheet
 	@cp _build/sheet/sheet.json data/accept/raised_40deg.json
 
-bench: .venv/package.done  ## the time that a measurement, an instant of a track, a frame, a sweep, a tick of the arm, a live frame, a calibration and a refusal take
+bench: .venv/package.done  ## the time that a measurement, an instant of a track, a sweep, a tick of the arm, a live frame and a calibration take
 	@$(BIN)/python tests/benchmarks/bench_measure.py
-	@$(BIN)/python tests/benchmarks/bench_markers.py
-	@$(BIN)/python tests/benchmarks/bench_background.py
 	@$(BIN)/python tests/benchmarks/bench_track.py
-	@$(BIN)/python tests/benchmarks/bench_scene.py
 	@$(BIN)/python tests/benchmarks/bench_sweep.py
 	@$(BIN)/python tests/benchmarks/bench_slave.py
 	@$(BIN)/python tests/benchmarks/bench_live.py
 	@$(BIN)/python tests/benchmarks/bench_calibrate.py
-	@$(BIN)/python tests/benchmarks/bench_refusals.py
 
 figures: .venv/package.done  ## all figures and films of the built pages as files, with a list, in _build/figures
 	@$(BIN)/python -m workbench.pages.figures

@@ -10,6 +10,8 @@ from hypothesis import settings
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     # several tests run at once; more threads than cores make all of them slow
     os.environ.setdefault(_name, "1")
+# as `trinolab` sets it: OpenCV, which some tests load before, asks for it when it is loaded
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 os.environ["MPLBACKEND"] = "Agg"  # no window, also not in the kernels and commands that tests start
 
 # pytest puts the folder of the helpers on the path later

@@ -126,7 +126,7 @@ def count_contours(image: np.ndarray, threshold: float, enough: int) -> int:
 def places(
     image: np.ndarray,
     scale: int,
-    found: Mapping[float, list[np.ndarray] | None],
+    outlines_at: Mapping[float, list[np.ndarray] | None],
     wanted: int,
     diameter_px: tuple[float, float],
     min_contrast: float,
@@ -139,7 +139,7 @@ def places(
     """
     lines = {
         t: outlines
-        for t, outlines in found.items()
+        for t, outlines in outlines_at.items()
         if outlines and len(outlines) <= max(_CONTOURS[0], _CONTOURS[1] * wanted)
     }
     parts = (
@@ -268,13 +268,13 @@ def _halved(image: np.ndarray) -> np.ndarray:
 
 
 def _of_contours(
-    found: Mapping[float, list[np.ndarray]], scale: int, diameter_px: tuple[float, float]
+    outlines_at: Mapping[float, list[np.ndarray]], scale: int, diameter_px: tuple[float, float]
 ) -> Places:
     """The contours that are neither too small nor too large for a marker."""
     low, high = diameter_px
     lines = [
         (t, line)
-        for t, outlines in found.items()
+        for t, outlines in outlines_at.items()
         for line in outlines
         if len(line) <= 8 * (high / scale + 1)
     ]

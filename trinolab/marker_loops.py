@@ -37,7 +37,7 @@ def measure(image, uv, reach, limits, table):
         Filled with the first six numbers of each blob; NaN where there is none.
     """
     height, width = image.shape
-    found = np.empty(7)
+    blob_row = np.empty(7)
     for k in range(len(uv)):
         table[k] = np.nan
         u = uv[k, 0]
@@ -47,11 +47,11 @@ def measure(image, uv, reach, limits, table):
         is_clear, halfway, second = thresholds(image, u, v, reach, limits[4])
         if not is_clear:
             continue
-        if blob(image, u, v, reach, halfway, limits, found) or blob(
-            image, u, v, reach, second, limits, found
+        if blob(image, u, v, reach, halfway, limits, blob_row) or blob(
+            image, u, v, reach, second, limits, blob_row
         ):
-            take_halfway(image, limits, found)
-            table[k] = found[:6]
+            take_halfway(image, limits, blob_row)
+            table[k] = blob_row[:6]
 
 
 @_compiled
@@ -84,22 +84,22 @@ def thresholds(image, u, v, reach, min_contrast):
 
 
 @_compiled
-def take_halfway(image, limits, found):
+def take_halfway(image, limits, blob_row):
     """A blob with its contour about halfway up its flank if it is like a marker there, in place; see
     `markers.halfway`.
     """
     again = np.empty(7)
     for _ in range(2):
-        halfway = found[LEVEL] + found[CONTRAST] / 2
-        if abs(found[THRESHOLD] - halfway) > found[CONTRAST] / 5 and blob(
-            image, found[U], found[V], found[MAJOR], halfway, limits, again
+        halfway = blob_row[LEVEL] + blob_row[CONTRAST] / 2
+        if abs(blob_row[THRESHOLD] - halfway) > blob_row[CONTRAST] / 5 and blob(
+            image, blob_row[U], blob_row[V], blob_row[MAJOR], halfway, limits, again
         ):
-            found[:] = again
+            blob_row[:] = again
 
 
 @_compiled
-def blob(image, u, v, reach, threshold, limits, found):
-    """Whether what exceeds a threshold at a place is like a marker; `found` (7,) is filled if it is.
+def blob(image, u, v, reach, threshold, limits, blob_row):
+    """Whether what exceeds a threshold at a place is like a marker; `blob_row` (7,) is filled if it is.
     See `markers.blob_at`.
     """
     least = limits[0]
@@ -137,13 +137,13 @@ def blob(image, u, v, reach, threshold, limits, found):
     contrast = light / count - level
     if contrast < min_contrast or total == 0:
         return False
-    found[U] = left + by_u / total
-    found[V] = top + by_v / total
-    found[MAJOR] = major
-    found[MINOR] = minor
-    found[CONTRAST] = contrast
-    found[THRESHOLD] = threshold
-    found[LEVEL] = level
+    blob_row[U] = left + by_u / total
+    blob_row[V] = top + by_v / total
+    blob_row[MAJOR] = major
+    blob_row[MINOR] = minor
+    blob_row[CONTRAST] = contrast
+    blob_row[THRESHOLD] = threshold
+    blob_row[LEVEL] = level
     return True
 
 

@@ -36,14 +36,14 @@ class Measurement:
     Attributes
     ----------
     pose : Pose
-    found : tuple of Markers
+    markers : tuple of Markers
         One per camera.
     labels : tuple of ndarray of int
-        For each found marker its index on the handle, or -1.
+        For each marker its index on the handle, or -1.
     """
 
     pose: Pose
-    found: tuple[Markers, ...]
+    markers: tuple[Markers, ...]
     labels: tuple[np.ndarray, ...]
 
 
@@ -124,16 +124,16 @@ def identified(
 ) -> tuple[tuple[Markers, ...], list[Hypothesis]]:
     """The markers in windows of images, and the poses that explain them (Eq. 16-18)."""
     # Eq. 16
-    found = tuple(
+    markers = tuple(
         markers_in(image, window, handle, p) for image, window in zip(images, windows, strict=True)
     )
-    pixels = [markers.uv for markers in found]
+    pixels = [one.uv for one in markers]
     # Eq. 17, 18; whoever reads pixels names the markers without them
     matches = None
     if p.estimator == PAPER and not p.check:
         matches = [pairs.index for pairs in rig_candidates(rig, images, pixels, p.matching)]
-    axes_px = [markers.axes_px for markers in found]
-    return found, identify(rig, handle, pixels, p.identity, axes_px, matches, work)
+    axes_px = [one.axes_px for one in markers]
+    return markers, identify(rig, handle, pixels, p.identity, axes_px, matches, work)
 
 
 def chosen(

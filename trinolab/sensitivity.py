@@ -218,14 +218,14 @@ def offsets_at(rig: Rig, point: Array) -> ImageOffsets | None:
     return ImageOffsets(covariance, by_parameters, by_position)
 
 
-def offsets_of(rig: Rig, found: Sequence[Array]) -> ImageOffsets | None:
-    """The offsets where the middles of found pixels, (n, 2) a camera, meet best; None also where
-    fewer than two cameras have found any.
+def offsets_of(rig: Rig, spots: Sequence[Array]) -> ImageOffsets | None:
+    """The offsets where the middles of spots pixels, (n, 2) a camera, meet best; None also where
+    fewer than two cameras see any.
     """
-    seen = [k for k, uv in enumerate(found) if len(uv)]
+    seen = [k for k, uv in enumerate(spots) if len(uv)]
     if known_covariance(rig).is_exact or len(seen) < 2:
         return None
-    middles = [np.median(found[k], axis=0)[None] for k in seen]
+    middles = [np.median(spots[k], axis=0)[None] for k in seen]
     cameras = [rig.cameras[k] for k in seen]
     rays = np.concatenate([camera.rays(uv) for camera, uv in zip(cameras, middles, strict=True)])
     centres = np.stack([camera.centre for camera in cameras])

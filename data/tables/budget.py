@@ -497,7 +497,7 @@ def _measured(trial: Trial, bench: Bench, seed: int) -> tuple[RigidTransform, Ar
             f"trial: expected poses that can be measured, got {len(measurements) - len(poses)} lost"
         )
     pixels = [
-        labelled_pixels(m.labels, tuple(c.uv for c in m.found), trial.uv.shape[2])
+        labelled_pixels(m.labels, tuple(c.uv for c in m.markers), trial.uv.shape[2])
         for m in measurements
     ]
     return RigidTransform.concatenate(poses), np.array(pixels) + 0 * trial.uv

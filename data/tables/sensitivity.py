@@ -291,7 +291,7 @@ def by_printed_matrix(m: Measurement, pair: Rig, handle: Handle) -> RigidTransfo
     if T is None:
         return None
     uv = np.full((1, 2, len(handle.marker_centres), 2), np.nan)
-    for view, camera, markers, labels in zip(uv[0], pair.cameras, m.found, m.labels, strict=True):
+    for view, camera, markers, labels in zip(uv[0], pair.cameras, m.markers, m.labels, strict=True):
         known = labels >= 0
         view[labels[known]] = markers.uv[known]
         steep = np.isnan(facing_pixels(handle, camera, T, Parameters().max_slant_deg)).any(axis=1)

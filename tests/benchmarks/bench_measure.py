@@ -1,5 +1,4 @@
-"""Milliseconds to measure one instant of three 1280 x 1024 frames on one core, stage by stage, for
-each estimator.
+"""Milliseconds to measure one instant of three 1280 x 1024 frames, stage by stage, for each estimator.
 
 Beside it a plain OpenCV chain on the same frames: SimpleBlobDetector, triangulatePoints for each
 pair of cameras and their mean, rigid fit by SVD; once with OpenCV's own thresholds, once told that
@@ -9,15 +8,7 @@ time; ours finds it out, without a prior:
     python tests/benchmarks/bench_measure.py
 """
 
-import os
-
-os.environ["OMP_NUM_THREADS"] = os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before numpy is loaded
-
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import wraps
-
+import clock
 import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform
@@ -35,144 +26,67 @@ from workbench.studies.claim_trials import true_labels
 from workbench.studies.instant_times import blob_detector
 
 LIMIT_MS = 15.0
-STAGES = {
-    "find_markers": "markers",
-    "rig_candidates": "pairs",
-    "identify": "identity",
-    "estimate": "pose",
-}
+POSES, REPEATS = 20, 5
+STAGES = ("find_markers", "rig_candidates", "identify", "estimate")
 RIG, HANDLE = load_rig("raised_40deg"), load_handle("coded")
 
 
-@contextmanager
-def clocked(module, names: dict[str, str]) -> Iterator[dict[str, float]]:
-    """CPU time (ms), which another program does not lengthen, that functions of a module take,
-    summed by stage.
-    """
-    spent, originals = (
-        dict.fromkeys(names.values(), 0.0),
-        {name: getattr(module, name) for name in names},
-    )
-
-    def clock(function, stage):
-        @wraps(function)
-        def timed(*arguments, **options):
-            start = time.process_time()
-            try:
-                return function(*arguments, **options)
-            finally:
-                spent[stage] += 1e3 * (time.process_time() - start)
-
-        return timed
-
-    for name, stage in names.items():
-        setattr(module, name, clock(originals[name], stage))
-    try:
-        yield spent
-    finally:
-        for name, function in originals.items():
-            setattr(module, name, function)
-
-
-def ours(
-    frames: list[np.ndarray], estimator: str
-) -> tuple[RigidTransform | None, dict[str, float]]:
-    """Pose and times, ms."""
-    with clocked(measurement, STAGES) as spent:
-        start = time.process_time()
-        pose = measurement.measure(
-            frames, RIG, HANDLE, parameters=Parameters(estimator=estimator)
-        ).pose
-        total = 1e3 * (time.process_time() - start)
-    return pose.T_world_handle, {"total": total, **spent}
-
-
-def opencv_chain(
-    frames: list[np.ndarray], truth: RigidTransform, lowest: float | None = None
-) -> tuple[RigidTransform | None, dict[str, float]]:
-    """Pose and times, ms; the shipped rigs have no distortion that had to be removed."""
-    start = time.process_time()
+def opencv_chain(frames, truth, lowest=None):
+    """Pose and time, ms; the shipped rigs have no distortion that had to be removed."""
     detector = blob_detector(RIG, HANDLE, lowest)
-    found = [
-        np.array([blob.pt for blob in detector.detect(frame)]).reshape(-1, 2) for frame in frames
-    ]
-    detected = time.process_time()
-    labels = tuple(
-        true_labels(c, HANDLE, truth, uv) for c, uv in zip(RIG.cameras, found, strict=True)
-    )
-    uv = labelled_pixels(labels, tuple(found), len(HANDLE.marker_centres))
-    told = time.process_time()
+    blobs, detecting_ms = clock.timed(lambda: [detector.detect(frame) for frame in frames])
+    found = [np.reshape([blob.pt for blob in of_one], (-1, 2)) for of_one in blobs]
+    labels = [true_labels(c, HANDLE, truth, uv) for c, uv in zip(RIG.cameras, found, strict=True)]
+    uv = labelled_pixels(tuple(labels), tuple(found), len(HANDLE.marker_centres))
+    T, fitting_ms = clock.timed(_fitted, uv)
+    return T, detecting_ms + fitting_ms
+
+
+def _fitted(uv):
     points = np.full((len(RIG.pairs), len(HANDLE.marker_centres), 3), np.nan)
     matrices = [c.matrix @ c.T_cam_world.as_matrix()[:3] for c in RIG.cameras]
     for pair, (i, j) in zip(points, RIG.pairs, strict=True):
         both = np.isfinite(uv[[i, j]]).all(axis=(0, 2))
         X = cv2.triangulatePoints(matrices[i], matrices[j], uv[i, both].T, uv[j, both].T)
         pair[both] = (X[:3] / X[3]).T
-    T = rigid_fit(HANDLE.marker_centres, _mean(points))
-    stages = {"markers": detected - start, "pose": time.process_time() - told}
-    return T, {
-        "total": 1e3 * sum(stages.values()),
-        **{stage: 1e3 * spent for stage, spent in stages.items()},
-    }
+    seen = np.isfinite(points).any(axis=(0, 2))
+    mean = np.full(points.shape[1:], np.nan)
+    mean[seen] = np.nanmean(points[:, seen], axis=0)
+    return rigid_fit(HANDLE.marker_centres, mean)
 
 
-def _mean(points: np.ndarray) -> np.ndarray:
-    """Mean over the pairs that have a point, shape (markers, 3); NaN where none has."""
-    count = np.isfinite(points).all(axis=2).sum(axis=0)[:, None]
-    return np.where(count > 0, np.nansum(points, axis=0) / np.maximum(count, 1), np.nan)
+def errors(poses, truths):
+    """The mean errors of poses, None where there is none."""
+    pairs = [(T, truth) for T, truth in zip(poses, truths, strict=True) if T is not None]
+    e = pose_errors(*map(RigidTransform.concatenate, zip(*pairs, strict=True)))
+    lost = len(poses) - len(pairs)
+    return f"E_t {e.E_t_mm:.4f} mm, {e.geodesic_mean_deg:.3f} deg, lost {lost}"
 
 
-def report(name: str, results: list, truths: RigidTransform, repeats: int) -> float:
-    """Print a line; return the median time of an instant, ms."""
-    times = [spent for _, spent in results]
-    median = {
-        stage: float(np.median([spent.get(stage, np.nan) for spent in times])) for stage in times[0]
-    }
-    held = [(T, truths[k // repeats]) for k, (T, _) in enumerate(results) if T is not None]
-    e = pose_errors(*(RigidTransform.concatenate(list(part)) for part in zip(*held, strict=True)))
-    stages = "".join(f"{median.get(stage, np.nan):10.2f}" for stage in ("total", *STAGES.values()))
-    print(
-        f"{name:22s}{stages}{e.E_t_mm:10.4f}{e.geodesic_mean_deg:10.3f}{len(results) - len(held):6d}",
-        flush=True,
-    )
-    return median["total"]
-
-
-def main(poses: int = 20, repeats: int = 5) -> int:
-    cv2.setNumThreads(1)
-    rng, truths = np.random.default_rng(1), load_table1().set_poses[:poses]
-    frames = [render_rig(RIG, HANDLE, T, Bench(), rng) for T in truths]
-    print(
-        f"median ms of CPU time over Table 1's {poses} poses, {repeats} times each; rig `raised_40deg`, "
-        "handle `coded`; E_t mm, mean geodesic deg"
-    )
-    print(
-        f"{'':22s}"
-        + "".join(f"{name:>10s}" for name in ("total", *STAGES.values(), "E_t", "geodesic"))
-        + "  lost"
-    )
-    ours(frames[0], BEST)  # what is made once
-    totals = {
-        name: report(
-            name, [ours(images, name) for images in frames for _ in range(repeats)], truths, repeats
-        )
-        for name in ESTIMATORS
-    }
+def main() -> int:
+    rng, truths = np.random.default_rng(1), list(load_table1().set_poses[:POSES])
+    instants = [render_rig(RIG, HANDLE, T, Bench(), rng) for T in truths]
+    measurement.measure(instants[0], RIG, HANDLE)  # what is made once
     for lowest, name in ((None, "OpenCV"), (100.0, "OpenCV, from grey 100")):
-        plain = [
-            opencv_chain(images, T, lowest)
-            for images, T in zip(frames, truths, strict=True)
-            for _ in range(repeats)
-        ]
-        opencv = report(name, plain, truths, repeats)
-        print(
-            "    times of ours by this one: "
-            + ", ".join(f"{name} {ms / opencv:.2f}" for name, ms in totals.items())
+        poses, times = zip(
+            *(opencv_chain(images, T, lowest) for images, T in zip(instants, truths, strict=True)),
+            strict=True,
         )
-    print(
-        f"limit {LIMIT_MS:.0f} ms for `{BEST}`: {'kept' if totals[BEST] <= LIMIT_MS else 'BROKEN'}"
-    )
-    return int(totals[BEST] > LIMIT_MS)
+        clock.line(name, times, more=errors(poses, truths))
+    for estimator in ESTIMATORS:
+        p = Parameters(estimator=estimator)
+        times = []
+        with clock.clocked(measurement, *STAGES) as spent:
+            for _ in range(REPEATS):
+                found = [
+                    clock.timed(measurement.measure, one, RIG, HANDLE, None, p) for one in instants
+                ]
+                times += [ms for _, ms in found]
+        poses = [one.pose.T_world_handle for one, _ in found]
+        stages = ", ".join(f"{stage} {ms / len(times):.2f}" for stage, ms in spent.items())
+        limit = LIMIT_MS if estimator == BEST else None
+        clock.line(estimator, times, "ms", limit, f"{errors(poses, truths)}; mean of {stages}")
+    return clock.exit_code()
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 tested with.
 """
 
+from functools import cache
+
 import cv2
 import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
@@ -19,16 +21,31 @@ CALIBRATE = (
 )
 
 
-def make_rig(lens=LENS):
-    """Two cameras 110 mm apart; the world is the first one's frame."""
-    K = np.array([[620.0, 0, 246], [0, 615, 174], [0, 0, 1]])
-    T = RigidTransform.from_components([110, 4, 12], Rotation.from_rotvec([0.02, -0.22, 0.03]))
-    return Rig(
-        (
-            Camera("a", SIZE, K, lens, RigidTransform.identity()),
-            Camera("b", SIZE, K + [[8, 0, -9], [0, 11, 8], [0, 0, 0]], 0.8 * lens, T.inv()),
-        )
+def motion(translation, rotvec=(0, 0, 0)):
+    return RigidTransform.from_components(
+        translation, Rotation.from_rotvec(np.array(rotvec, float))
     )
+
+
+def make_rig(lens=LENS, cameras=2):
+    """Cameras 110 mm apart; the world is the first one's frame."""
+    K = np.array([[620.0, 0, 246], [0, 615, 174], [0, 0, 1]])
+    second = motion([110, 4, 12], [0.02, -0.22, 0.03])
+    third = motion([-90, 14, 22], [0.05, 0.2, -0.03])
+    every = (
+        Camera("a", SIZE, K, lens, RigidTransform.identity()),
+        Camera("b", SIZE, K + [[8, 0, -9], [0, 11, 8], [0, 0, 0]], 0.8 * lens, second.inv()),
+        Camera("c", SIZE, K, 0.5 * lens, third.inv()),
+    )
+    return Rig(every[:cameras])
+
+
+def corners(rig, poses, target, noise_px=0.0, seed=0):
+    """Where cameras see a target, px, shape (cameras, views, n, 2)."""
+    points = np.concatenate([T.apply(np.array(target.points)) for T in poses])
+    uv = np.array([camera.project(points) for camera in rig.cameras])
+    uv = uv.reshape(len(rig.cameras), len(poses), -1, 2)
+    return uv + np.random.default_rng(seed).normal(0, noise_px, uv.shape)
 
 
 def positions(count, seed=2):
@@ -38,6 +55,7 @@ def positions(count, seed=2):
     )
 
 
+@cache
 def board_frames(count):
     """Rendered positions of the chessboard in the two cameras, with distortion."""
     rng, bench = np.random.default_rng(0), Bench(supersampling=4)

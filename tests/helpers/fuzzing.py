@@ -1,22 +1,23 @@
-"""Files that are wrong in every way: valid ones with other values, keys and types, with other text,
-with other bytes.
+"""Files that are wrong in every way: valid ones with other words or other bytes.
 
 A reader of users' files takes one or refuses it, by a ValueError of one line that names it; nothing
 else may happen.
 """
 
-import copy
+import io
 import json
 import os
+import re
+import shutil
 import tempfile
-import tomllib
 import warnings
 from collections import Counter
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import cv2
 import numpy as np
-import tomli_w
+from healthy import BOARDS, CAPTURE, EVALUATE, FOLLOW, MEASURE, TRACK, VIDEOS, run
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import RigidTransform
@@ -28,6 +29,8 @@ from trinolab.files.recording import read_timestamps
 from trinolab.files.recording_writer import read_manifest
 from trinolab.files.rigs import read_handle, read_rig, rig_text
 from trinolab.pose import LOST, Pose
+
+IMAGE = "rec/images/ccd1/000001.png"
 
 # --- the readers, each with what is done at once to what it takes
 
@@ -115,219 +118,69 @@ def _seeds():
 SEEDS = _seeds()
 
 
-# --- other values, keys and types
+# --- what is done to them
 
-SPECIAL = [
-    0,
-    1,
-    -1,
-    2**63,
-    10**40,
-    float("nan"),
-    float("inf"),
-    1e-320,
-    1e308,
-    -1e308,
-    1e155,
-    "",
-    "nan",
-    "1.5",
-    [],
-    {},
-    [[]],
-    [1, "a"],
-    [1, [2]],
-    [0.0] * 3,
-    [0.0] * 5,
-    [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
-    True,
-    "a\nb",
-    "\x1b[2J",
+LISTED = """
+    0 1 -1 9223372036854775808 nan inf -inf 1e400 1e308 -1e308 1e155 1e-320 0x1 1_0 1+2j
+    True true None 1979-05-27 07:32:00 lost measured "" "nan" "1.5" "a\\nb" "\\u0000" ' "
+    [] {} [[]] [1,"a"] [1,[2]] [0.0,0.0,0.0] [[1,0,0],[0,1,0],[0,0,1]] name - . , = # [ ] { } [[ ]]
+"""
+WORDS = [word.encode() for word in LISTED.split()]
+WORDS += [
+    b"",
+    b" ",
+    b"\n",
+    b"\r",
+    b"\0",
+    b"\x1b[2J",
+    "\ufeff\u00e9".encode(),
+    400 * b"9",
+    400 * b"[",
 ]
-VALUES = st.one_of(
-    st.sampled_from(SPECIAL),
-    st.floats(),
-    st.integers(),
-    st.text(max_size=5),
-    st.booleans(),
-    st.dates(),
-    st.times(),
-    st.datetimes(),
-    st.lists(st.floats() | st.integers(), max_size=6),
-    st.recursive(
-        st.floats() | st.text(max_size=3),
-        lambda inner: (
-            st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=3), inner, max_size=3)
-        ),
-        max_leaves=6,
-    ),
-).map(copy.deepcopy)  # what is put into a document may be changed there
-CELLS = st.one_of(
-    st.sampled_from(
-        [
-            "",
-            " ",
-            "nan",
-            "inf",
-            "-inf",
-            "1e400",
-            "1e308",
-            "-1",
-            "9" * 30,
-            "9" * 400,
-            "0x1",
-            "True",
-            "1+2j",
-            "1979-05-27",
-            "lost",
-            "measured",
-            '"',
-            '"a\nb"',
-            "a,b",
-            "\x00",
-            "\ufeff",
-            "#",
-            "é",
-            "1_0",
-            "\x1b[2J",
-            "None",
-        ]
-    ),
-    st.floats().map(repr),
-    st.integers().map(str),
-    st.text(max_size=6),
-)
-
-
-def _places(node):
-    """Every container of a document with each of its keys or indices."""
-    keys = (
-        list(node) if isinstance(node, dict) else range(len(node)) if isinstance(node, list) else ()
-    )
-    return [(node, key) for key in keys] + [place for key in keys for place in _places(node[key])]
+NUMBERS = st.one_of(st.floats(), st.integers()).map(repr) | st.text(max_size=6)
 
 
 @st.composite
-def documents(draw, seed):
-    """A TOML document with one to three other values, or other, missing and additional keys."""
-    found = copy.deepcopy(tomllib.loads(seed.decode()))
+def other_words(draw, seed):
+    """A file with one to three other words, of a list or from elsewhere in it; a line more or less."""
+    parts = re.split(rb"([\w.+-]+|[^\w\s])", seed)
+    other = st.sampled_from(WORDS) | st.sampled_from(parts)
+    other |= NUMBERS.map(lambda text: text.encode("utf-8", errors="surrogatepass"))
     for _ in range(draw(st.integers(1, 3))):
-        if not (places := _places(found)):
-            break
-        node, key = draw(st.sampled_from(places))
-        what = draw(st.sampled_from(["set", "set", "set", "drop", "add", "rename"]))
-        if what == "set":
-            node[key] = draw(VALUES)
-        elif what == "add" and isinstance(node, list):
-            node.append(draw(VALUES))
-        elif what == "add":
-            node[draw(st.text(max_size=4))] = draw(VALUES)
-        elif what == "rename" and isinstance(node, dict):
-            other = draw(st.sampled_from(list(node)) | st.text(max_size=4))
-            node[other] = node.pop(key)
-        else:
-            del node[key]
-    return tomli_w.dumps(found).encode("utf-8", errors="surrogatepass")
+        parts[draw(st.integers(0, len(parts) - 1))] = draw(other)
+    lines = b"".join(parts).split(b"\n")
+    k = draw(st.integers(0, len(lines) - 1))
+    lines[k : k + 1] = draw(st.sampled_from([1, 1, 1, 1, 0, 2])) * [lines[k]]
+    return draw(st.sampled_from([b"\n", b"\n", b"\r\n", b"\r"])).join(lines)
 
 
 @st.composite
-def tables(draw, seed):
-    """A CSV table with one to three other cells, rows or columns."""
-    cells = [line.split(",") for line in seed.decode().splitlines()]
-    for _ in range(draw(st.integers(1, 3))):
-        row = draw(st.integers(0, len(cells) - 1))
-        column = draw(st.integers(0, max(len(cells[row]) - 1, 0)))
-        what = draw(st.sampled_from(["set", "set", "set", "drop", "add", "column", "row", "twice"]))
-        if what == "set" and cells[row]:
-            cells[row][column] = draw(CELLS)
-        elif what == "drop":
-            del cells[row][column : column + 1]
-        elif what == "add":
-            cells[row].insert(column, draw(CELLS))
-        elif what == "column":
-            cells = [line[:column] + line[column + 1 :] for line in cells]
-        elif what == "row" and len(cells) > 1:
-            del cells[row]
-        else:
-            cells.insert(row, cells[row][:])
-    end = draw(st.sampled_from(["\n", "\n", "\r\n", "\r"]))
-    return end.join(",".join(line) for line in cells).encode("utf-8", errors="surrogatepass")
-
-
-# --- other text, other bytes
-
-PIECES = [
-    "",
-    ",",
-    "\n",
-    "\r",
-    "nan",
-    "inf",
-    "-1",
-    "1e400",
-    "0.0",
-    '"',
-    "'",
-    '"""',
-    "[",
-    "]",
-    "=",
-    "{",
-    "}",
-    "#",
-    "true",
-    "\x00",
-    "\ufeff",
-    "name",
-    "-",
-    ".",
-    "9" * 30,
-    "lost",
-    "1979-05-27",
-    "[[",
-    "]]",
-    400 * "[",
-    "\\",
-    "\\u0000",
-    "_",
-    "e",
-    "0x",
-    "\x1b",
-]
-
-
-@st.composite
-def spliced(draw, seed):
-    """A file with up to four stretches replaced by something else, or by another stretch of it."""
+def other_bytes(draw, seed):
+    """A file with up to four stretches replaced, repeated or cut off."""
     for _ in range(draw(st.integers(1, 4))):
         start = draw(st.integers(0, len(seed)))
-        stop, other = (
-            min(len(seed), start + draw(st.integers(0, 30))),
-            draw(st.integers(0, len(seed))),
-        )
-        piece = draw(
-            st.sampled_from([*(piece.encode() for piece in PIECES), seed[other : other + 25]])
-            | st.binary(max_size=8)
-        )
-        seed = seed[:start] + piece + seed[stop:]
+        stop = start + draw(st.integers(0, 30) | st.just(len(seed)))
+        again = seed[start : start + 25] * draw(st.sampled_from([0, 0, 0, 10, 100_000]))
+        seed = seed[:start] + draw(st.binary(max_size=25)) + again + seed[stop:]
     return seed
 
 
+WAYS = {"text": other_words, "bytes": other_bytes}
+
+
 def kinds(name):
-    """How the files of a reader are made, by what is done to valid ones."""
-    seeds = st.sampled_from(SEEDS[name])
-    structured = {
-        "rig": documents,
-        "handle": documents,
-        "poses": tables,
-        "timestamps": tables,
-    }
-    found = {
-        "text": seeds.flatmap(spliced),
-        "cut": st.builds(lambda seed, n: seed[:n], seeds, st.integers(0, 2000)),
-        "bytes": st.binary(max_size=300),
-    }
-    return ({"values": seeds.flatmap(structured[name])} if name in structured else {}) | found
+    """How the files of a reader are made from valid ones."""
+    return ["bytes"] if name == "image" else list(WAYS)
+
+
+def repeated(count):
+    return settings(
+        max_examples=count,
+        database=None,
+        deadline=None,
+        phases=[Phase.generate, Phase.shrink],
+        suppress_health_check=list(HealthCheck),
+    )
 
 
 def fuzz(name, kind, count):
@@ -336,16 +189,55 @@ def fuzz(name, kind, count):
     """
     counts = Counter()
 
-    @settings(
-        max_examples=count,
-        database=None,
-        deadline=None,
-        phases=[Phase.generate, Phase.shrink],
-        suppress_health_check=list(HealthCheck),
-    )
-    @given(kinds(name)[kind])
+    @repeated(count)
+    @given(st.sampled_from(SEEDS[name]).flatmap(WAYS[kind]))
     def attempt(content):
         counts["taken" if refusal(name, content) is None else "refused"] += 1
 
     attempt()
     return counts
+
+
+# --- whole commands
+
+# each with the files that it reads
+READ = {
+    EVALUATE: "found.csv truth.csv handle.toml",
+    MEASURE: f"rig.toml handle.toml {IMAGE}",
+    TRACK: f"rec/rig.toml rec/handle.toml rec/timestamps.csv {IMAGE}",
+    VIDEOS: "ccd1.mkv ccd2.mkv",
+    CAPTURE: "ccd1.mkv rig.toml",
+    FOLLOW: "path.csv rig.toml handle.toml",
+    BOARDS: "a/02.png b/03.png",
+    "track bag --out poses.csv": "bag/metadata.yaml bag/bag.mcap",
+}
+PLACES = [(line, file) for line, files in READ.items() for file in files.split()]
+
+
+def fuzz_commands(healthy, work, count):
+    """The exit codes of commands that were run in the folder `work`, the working folder, each on a
+    copy of the healthy files of which one is wrong. Raises what is a finding: an exception, or another
+    answer than one line of what is wrong.
+    """
+    codes = Counter()
+
+    @repeated(count)
+    @given(st.data(), st.sampled_from(PLACES))
+    def attempt(data, place):
+        line, file = place
+        for name in work.iterdir():
+            shutil.rmtree(name) if name.is_dir() else name.unlink()
+        shutil.copytree(healthy, work, dirs_exist_ok=True)
+        content = (work / file).read_bytes()
+        (work / file).write_bytes(data.draw(other_bytes(content) | other_words(content)))
+        with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()) as said:
+            code = run(line)
+        codes[code] += 1
+        last = said.getvalue().splitlines()[-1:]
+        assert code in (0, 1) or last[0].startswith(f"trinolab {line.split()[0]}: "), (
+            said.getvalue()
+        )
+        assert "not enough memory" not in said.getvalue(), said.getvalue()
+
+    attempt()
+    return codes

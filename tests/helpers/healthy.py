@@ -75,9 +75,9 @@ def make_healthy(root, count):
     make_notebook(root / "n.ipynb", "pass", glued(y="a + b"), parameters=parameters)
 
 
-def write_video(path, frames, codec="FFV1"):
+def write_video(path, frames, codec="FFV1", fps=FPS):
     writer = cv2.VideoWriter(
-        str(path), cv2.VideoWriter.fourcc(*codec), FPS, frames[0].shape[::-1], isColor=False
+        str(path), cv2.VideoWriter.fourcc(*codec), fps, frames[0].shape[::-1], isColor=False
     )
     for frame in frames:
         writer.write(frame)

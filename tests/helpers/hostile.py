@@ -14,18 +14,15 @@ from trinolab.bench.rays import body_region
 from trinolab.bench.scene import render_rig
 from trinolab.camera import Rig
 
-KINDS = (
-    "noise",
-    "glints",
-    "handle and glints",
-    "half hidden",
-    "half hidden, glints",
-    "two handles",
-    "camera turned",
-    "500 blobs",
-    "no markers",
-    "one camera left",
-)
+# how many blobs like markers an image gets, from and below
+BLOBS = {
+    "glints": (3, 21),
+    "handle and glints": (3, 21),
+    "half hidden, glints": (1, 8),
+    "500 blobs": (500, 501),
+}
+OTHERS = "noise,half hidden,two handles,camera turned,no markers,one camera left"
+KINDS = (*OTHERS.split(","), *BLOBS)
 TYPICAL_MM = 570.0  # distance at which a blob is as large as a marker
 WRONG_MM, WRONG_DEG = 2.0, 5.0
 
@@ -43,22 +40,18 @@ class Instant(NamedTuple):
 def hostile(rng, rig, handle, kind):
     """Draw an instant of one of `KINDS`."""
     T = seen_pose(rng, rig, handle)
+    there, bench, cameras = T, Bench(), rig
     if kind == "noise":
         return Instant(kind, [_noise(rng, camera.size) for camera in rig.cameras], [])
-    if kind == "glints":
-        return Instant(
-            kind,
-            _with_blobs(rng, render_rig(rig, handle, None, Bench(), rng), rig, handle, (3, 21)),
-            [],
-        )
     if kind == "two handles":
         return _two(rng, rig, handle, T)
     if kind == "no markers":
-        plain = Bench(marker_grey=90.0)
-        return Instant(kind, render_rig(rig, handle, T, plain, rng), [])
-    if kind == "camera turned":
-        return Instant(kind, render_rig(_one_turned(rng, rig), handle, T, Bench(), rng), [T])
-    frames = render_rig(rig, handle, T, Bench(), rng)
+        bench = Bench(marker_grey=90.0)
+    elif kind == "camera turned":
+        cameras = _one_turned(rng, rig)
+    elif kind == "glints":
+        there = None
+    frames = render_rig(cameras, handle, there, bench, rng)
     if kind.startswith("half hidden"):
         frames = [
             _half_hidden(rng, frame, camera, T) if rng.random() < 0.7 else frame
@@ -67,14 +60,12 @@ def hostile(rng, rig, handle, kind):
     if kind == "one camera left":
         left = rng.integers(len(frames))
         frames = [frame if c == left else _covered(rng, frame) for c, frame in enumerate(frames)]
-    many = {
-        "handle and glints": (3, 21),
-        "half hidden, glints": (1, 8),
-        "500 blobs": (500, 501),
-    }.get(kind)
-    return Instant(
-        kind, frames if many is None else _with_blobs(rng, frames, rig, handle, many), [T]
-    )
+    if kind in BLOBS:
+        frames = [
+            _blobs(rng, frame, handle, camera, rng.integers(*BLOBS[kind]))
+            for frame, camera in zip(frames, rig.cameras, strict=True)
+        ]
+    return Instant(kind, frames, [] if kind in ("glints", "no markers") else [T])
 
 
 def is_wrong(pose, instant, handle):
@@ -111,32 +102,14 @@ def _noise(rng, size):
     return np.clip(110 + rng.uniform(20, 60) * image / image.std(), 0, 255).astype(np.uint8)
 
 
-def _with_blobs(rng, frames, rig, handle, counts):
-    """Add blobs like markers, `counts[0]` to `counts[1] - 1` an image."""
-    return [
-        _blobs(rng, frame, handle, camera, rng.integers(*counts))
-        for frame, camera in zip(frames, rig.cameras, strict=True)
-    ]
-
-
 def _blobs(rng, frame, handle, camera, count, scale=16):
     typical = handle.marker_diameter_mm * camera.focal[0] / TYPICAL_MM
     shape = np.zeros(frame.shape, np.uint8)
     for _ in range(count):
         centre = rng.uniform(0, camera.size) * scale
         axes = typical / 2 * rng.uniform(0.7, 1.3) * np.array([1, rng.uniform(0.4, 1)]) * scale
-        cv2.ellipse(
-            shape,
-            centre.astype(int).tolist(),
-            axes.astype(int).tolist(),
-            rng.uniform(0, 180),
-            0,
-            360,
-            255,
-            -1,
-            cv2.LINE_AA,
-            4,
-        )
+        place = centre.astype(int).tolist(), axes.astype(int).tolist(), rng.uniform(0, 180)
+        cv2.ellipse(shape, *place, 0, 360, 255, -1, cv2.LINE_AA, 4)
     share = cv2.GaussianBlur(shape, (0, 0), 0.7) / 255
     grey = rng.uniform(180, 255) if handle.markers == "bright" else rng.uniform(0, 30)
     return np.clip(frame * (1 - share) + grey * share, 0, 255).astype(np.uint8)
@@ -144,15 +117,11 @@ def _blobs(rng, frame, handle, camera, count, scale=16):
 
 def _half_hidden(rng, frame, camera, T):
     """Cover what lies on one side of a line that passes near the markers."""
-    (u, v), angle = (
-        camera.project(T.translation[None])[0] + rng.normal(0, 30, 2),
-        rng.uniform(0, 2 * np.pi),
-    )
-    along, away = (
-        400 * np.array([np.cos(angle), np.sin(angle)]),
-        400 * np.array([-np.sin(angle), np.cos(angle)]),
-    )
-    corners = np.array([u, v]) + [along, -along, away - along, away + along]
+    place = camera.project(T.translation[None])[0] + rng.normal(0, 30, 2)
+    angle = rng.uniform(0, 2 * np.pi)
+    along = 400 * np.array([np.cos(angle), np.sin(angle)])
+    away = 400 * np.array([-np.sin(angle), np.cos(angle)])
+    corners = place + [along, -along, away - along, away + along]
     shape = cv2.fillConvexPoly(
         np.zeros(frame.shape, np.uint8), (16 * corners).astype(int), 255, cv2.LINE_AA, 4
     )
@@ -167,14 +136,10 @@ def _covered(rng, frame):
 def _two(rng, rig, handle, T):
     """A second handle before the first one."""
     other = seen_pose(rng, rig, handle)
-    pairs = zip(
-        render_rig(rig, handle, T, Bench(), rng),
-        render_rig(rig, handle, other, Bench(), rng),
-        strict=True,
-    )
+    back, front = (render_rig(rig, handle, pose, Bench(), rng) for pose in (T, other))
     frames = [
-        np.where(body_region(camera, handle, other), front, back)
-        for camera, (back, front) in zip(rig.cameras, pairs, strict=True)
+        np.where(body_region(camera, handle, other), nearer, farther)
+        for camera, nearer, farther in zip(rig.cameras, front, back, strict=True)
     ]
     return Instant("two handles", frames, [T, other])
 

@@ -3,7 +3,6 @@
 from typing import NamedTuple
 
 import numpy as np
-import scipy.fft
 
 from trinolab.estimators.appearance import shading_basis
 from trinolab.estimators.imagemodel import BORDER_PX, CLEAR_PX, ENOUGH, Noise, Reduced
@@ -109,22 +108,6 @@ def layers(
     )
 
 
-def by_motion(shown, marker, body):
-    """Derivative of ``marker * shown.marker + body * shown.body`` by a motion (nu mm, omega rad),
-    shape (k, 6, p).
-
-    `marker` and `body` are weights of shape (k, p).
-    """
-    F = marker * shown.marker_push
-    G = (marker * shown.marker_by_body + body) * shown.body_push
-    result = np.empty((len(marker), 6, marker.shape[1]), marker.dtype)
-    X, P = shown.marker_point, shown.body_point
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        result[:, i] = F[i] + G[i]
-        result[:, 3 + i] = X[j] * F[k] - X[k] * F[j] + P[j] * G[k] - P[k] * G[j]
-    return result
-
-
 def _rays(rig, T_world_handle, views, at):
     R_handle_world = T_world_handle.as_matrix()[:3, :3].T
     turns = [R_handle_world @ camera.T_world_cam.as_matrix()[:3, :3] for camera in rig.cameras]
@@ -148,7 +131,7 @@ def _nearest_to_axis(rays):
     P = rays.start + depth * rays.direction
     outward = P.copy()
     outward[1] = 0
-    distance = np.maximum(_length(P[0], P[2]), 1e-6)
+    distance = np.maximum(np.hypot(P[0], P[2]), 1e-6)
     return depth, P, outward / distance, distance
 
 
@@ -173,7 +156,7 @@ def _surface(inside, radius, rays, depth, P):
     dx, _, dz = rays.direction
     half = np.sqrt(inside * (2 * radius - inside) / (dx * dx + dz * dz))
     X = P - half * rays.direction
-    normal = X / _length(X[0], X[2])
+    normal = X / np.hypot(X[0], X[2])
     normal[1] = 0
     return depth - half, X, normal
 
@@ -185,7 +168,7 @@ def _place(handle, markers, angle, axial):
     turn = _wrapped(angle - handle.marker_angles[markers, None])
     along = axial - handle.marker_centres[markers, 1, None]
     across = handle.marker_radii[markers, None] * turn
-    return _Place(turn, along, np.maximum(_length(across, along), 1e-9))
+    return _Place(turn, along, np.maximum(np.hypot(across, along), 1e-9))
 
 
 def _inwards(place, X):
@@ -218,14 +201,7 @@ def _edge(inside, depth, gradient, rays):
     corner = remainder < short  # it cuts off no more than a corner
     outer = np.where(corner, remainder**2 / (2 * long * short), 0.5 - away / long)
     rate = np.where(corner, remainder / short, 1.0) / long
-    return np.where(inside > 0, 1 - outer, outer), rate, _length(long, short)
-
-
-def _length(a, b):
-    """Of vectors by their two components; `numpy.hypot`, which no size overflows, takes three times
-    as long.
-    """
-    return np.sqrt(a * a + b * b)
+    return np.where(inside > 0, 1 - outer, outer), rate, np.hypot(long, short)
 
 
 def _wrapped(angle):
@@ -265,44 +241,21 @@ class Linear(NamedTuple):
     body: object
 
 
-class Lights(NamedTuple):
-    """What markers and body send to each cell, at grey level 1 and for each function of
-    `shading_basis`, shapes (k, 4, p).
-    """
-
-    marker: object
-    body: object
-
-
 def estimate_noise(residual, predicted, used, marker, body):
-    """Estimate the noise from residuals on the body and on markers, away from all edges.
+    """Estimate the noise from residuals on the body and on markers, away from all edges: from
+    medians, so that wrong pixels do not count; what too few pixels show is left at a usual value.
 
-    Parameters
-    ----------
-    residual, predicted : ndarray, shape (...)
-        Grey levels.
-    used : ndarray of bool, shape (...)
-    marker, body : ndarray, shape (...)
-        Share of each pixel that the marker, and the body, covers.
-
-    Returns
-    -------
-    Noise
-        From medians, so that wrong pixels do not count; what too few pixels show is left at a usual
-        value.
+    All arrays have one shape; `marker` and `body` are the shares of each pixel that these cover.
     """
     dark, bright = (used & (body > 0.99) & part for part in (marker < 0.01, marker > 0.99))
     if min(dark.sum(), bright.sum()) < ENOUGH:
         return Noise()
-    low = _robust_variance(residual[dark])
-    high = _robust_variance(residual[bright])
-    level = float(predicted[dark].mean())
-    higher = float(predicted[bright].mean())
+    low, high = (_robust_variance(residual[part]) for part in (dark, bright))
+    level, higher = (float(predicted[part].mean()) for part in (dark, bright))
     slope = min(max((high - low) / (higher - level or 1.0), 0.0), 0.7 * low / max(level, 1.0))
     beyond = residual[used & (body < 0.05)]
-    texture = (
-        max(_robust_variance(beyond) - low, 25.0) if beyond.size >= ENOUGH else Noise().texture
-    )
+    is_seen = beyond.size >= ENOUGH
+    texture = max(_robust_variance(beyond) - low, 25.0) if is_seen else Noise().texture
     return Noise(max(low - slope * level, 0.01), slope, texture)
 
 
@@ -345,75 +298,66 @@ def linearise(state, here, rig, handle):
     B = blur_matrices(here.at.shape[0], state.blur_px2)[here.views.camera]
     usable = here.valid & (shown.clear > CLEAR_PX) & _inner(here.at.shape[0])
     basis = shading_basis(shown.turn).transpose(1, 0, 2)
-    lights = Lights(
-        blurred(B, shown.marker[:, None] * basis), blurred(B, shown.body[:, None] * basis)
-    )
-    at = explained(state, here, usable, lights)
+    lights = (blurred(B, share[:, None] * basis) for share in (shown.marker, shown.body))
+    at = explained(state, here, usable, *lights)
     moves = blurred(B, by_grey_motion(shown, basis, at.greys))
     by_blur = half_laplacian(at.predicted, here.at)[:, None]
     return at._replace(by_pose=np.concatenate([moves, by_blur], axis=1))
 
 
-def explained(state, here, usable, lights):
-    """What blurred lights make of the windows with the greys of a state, or the best ones where it
-    has none; `by_pose` is left empty.
+def explained(state, here, usable, of_marker, of_body):
+    """What the blurred lights of marker and body, at grey level 1 and for each function of
+    `shading_basis`, shapes (k, 4, p), make of the windows with the greys of a state, or the best ones
+    where it has none; `by_pose` is left empty.
     """
-    b = lights.body[:, 0]
+    behind = 1 - of_body[:, :1]
     greys = state.greys
     if greys is None:
-        columns = [lights.marker[:, :1], lights.body, 1 - b[:, None]]
-        greys = _first_greys(np.concatenate(columns, axis=1), usable, here.grey)
-    marker, body, background = greys[:, :1], greys[:, 1:2], greys[:, -1:]
-    shade = _shade(greys)
-    m_shaded = (shade @ lights.marker)[:, 0]
-    b_shaded = (shade @ lights.body)[:, 0]
-    predicted = marker * m_shaded + body * b_shaded + background * (1 - b)
-    by_shade = marker[..., None] * lights.marker[:, 1:] + body[..., None] * lights.body[:, 1:]
-    by_gloss = lights.body[:, 1:]
-    gloss = _gloss(greys)
-    if gloss.size:
-        predicted = predicted + (gloss @ by_gloss)[:, 0]
-    by_greys = np.concatenate(
-        [
-            m_shaded[:, None],
-            b_shaded[:, None],
-            by_shade,
-            by_gloss[:, : gloss.shape[2]],
-            1 - b[:, None],
-        ],
-        axis=1,
-    )
+        columns = np.concatenate([of_marker[:, :1], of_body, behind], axis=1)
+        greys = _first_greys(columns, usable, here.grey)
+    marker, body = greys[:, :1, None], greys[:, 1:2, None]
+    shade, gloss = _shade(greys), _gloss(greys)
+    by_gloss = of_body[:, 1:]
+    shares = [shade @ of_marker, shade @ of_body]
+    by_shade = marker * of_marker[:, 1:] + body * of_body[:, 1:]
+    glossy = by_gloss[:, : gloss.shape[2]]
+    by_greys = np.concatenate([*shares, by_shade, glossy, behind], axis=1)
+    # the shading is a factor, of which the derivative is no part of the sum
+    factors = np.concatenate([greys[:, :2], 0 * greys[:, 2:5], greys[:, 5:]], axis=1)
+    predicted = (factors[:, None] @ by_greys)[:, 0]
     noise = state.noise
-    variance = noise.base + noise.slope * np.maximum(predicted, 0) + noise.texture * (1 - b) ** 2
-    return Linear(
-        greys,
-        predicted,
-        here.grey - predicted,
-        usable * (here.at.pixels / variance),
-        np.empty((len(greys), 0, b.shape[1])),
-        by_greys,
-        by_gloss,
-        lights.marker[:, 0],
-        b,
-    )
+    variance = noise.base + noise.slope * np.maximum(predicted, 0)
+    weight = usable * (here.at.pixels / (variance + noise.texture * behind[:, 0] ** 2))
+    none = np.empty((len(greys), 0, predicted.shape[1]))
+    residual, seen = here.grey - predicted, (of_marker[:, 0], of_body[:, 0])
+    return Linear(greys, predicted, residual, weight, none, by_greys, by_gloss, *seen)
 
 
 def unblurred(shown, basis, greys):
     """The grey levels before any blur, shape (k, p); `basis` (k, 4, p) is `shading_basis` there."""
-    shading = (_shade(greys) @ basis)[:, 0]
-    marker, body, background = greys[:, :1], greys[:, 1:2], greys[:, -1:]
-    lit = marker * shown.marker + body * shown.body
-    sent_back = _sent_back(basis, greys) * shown.body
-    return lit * shading + sent_back + background * (1 - shown.body)
+    shading, sent_back = _lit(basis, greys)
+    lit = greys[:, :1] * shown.marker + greys[:, 1:2] * shown.body
+    return lit * shading + sent_back * shown.body + greys[:, -1:] * (1 - shown.body)
 
 
 def by_grey_motion(shown, basis, greys):
-    """Derivative of the unblurred grey levels by a motion of the handle, shape (k, 6, p); `basis`
-    (k, 4, p) is `shading_basis` there.
+    """Derivative of the unblurred grey levels by a motion of the handle (nu mm, omega rad), shape
+    (k, 6, p); `basis` (k, 4, p) is `shading_basis` there.
     """
-    shading = (_shade(greys) @ basis)[:, 0]
-    of_body = greys[:, 1:2] * shading + _sent_back(basis, greys)
-    return by_motion(shown, greys[:, :1] * shading, of_body - greys[:, -1:])
+    shading, sent_back = _lit(basis, greys)
+    marker = greys[:, :1] * shading
+    body = greys[:, 1:2] * shading + sent_back - greys[:, -1:]
+    F = marker * shown.marker_push
+    G = (marker * shown.marker_by_body + body) * shown.body_push
+    turn = np.cross(shown.marker_point, F, axis=0) + np.cross(shown.body_point, G, axis=0)
+    return np.concatenate([F + G, turn]).transpose(1, 0, 2)
+
+
+def _lit(basis, greys):
+    """The shading, and the grey levels that gloss adds to marker and body, shapes (k, p)."""
+    return (_shade(greys) @ basis)[:, 0], (
+        _gloss(greys) @ basis[:, 1 : 1 + _gloss(greys).shape[2]]
+    )[:, 0]
 
 
 def _shade(greys):
@@ -428,27 +372,18 @@ def _gloss(greys):
     return greys[:, None, 5:-1]
 
 
-def _sent_back(basis, greys):
-    """The grey levels that gloss adds to marker and body, shape (k, p), or (k, 1)."""
-    gloss = _gloss(greys)
-    return (gloss @ basis[:, 1:])[:, 0] if gloss.size else np.zeros((len(greys), 1))
-
-
 def reduce(by_other, at):
     """Normal equations for unknowns with derivatives `by_other` (k, m, p), the greys of each window
     eliminated.
     """
     n = by_other.shape[1]
-    r = at.residual[:, None]
-    C = at.by_greys
-    every = np.concatenate([by_other, C, r], axis=1, dtype=float)
+    every = np.concatenate([by_other, at.by_greys, at.residual[:, None]], axis=1, dtype=float)
     products = (every * at.weight[:, None]) @ every.transpose(0, 2, 1)
     CC, OC = products[:, n:-1, n:-1], products[:, :n, n:-1]
-    CC += 1e-9 * np.trace(CC, axis1=1, axis2=2)[:, None, None] * np.eye(
-        CC.shape[1]
-    ) + 1e-12 * np.eye(CC.shape[1])
-    solved = np.asarray(np.linalg.solve(CC, products[:, n:-1][..., np.r_[:n, -1]]), dtype=float)
-    gain, greys = solved[..., :-1], solved[..., -1]
+    size = np.trace(CC, axis1=1, axis2=2)[:, None, None]
+    CC += (1e-9 * size + 1e-12) * np.eye(CC.shape[1])
+    gain = np.linalg.solve(CC, products[:, n:-1, :n])
+    greys = np.linalg.solve(CC, products[:, n:-1, -1:])[..., 0]
     gradient = products[:, :n, -1] - (OC @ greys[..., None])[..., 0]
     return Reduced(products[:, :n, :n] - OC @ gain, gradient, greys, gain)
 
@@ -494,44 +429,44 @@ def _inner(side):
 
 def linearise_moving(state, here, rig, handle):
     """The model and its derivatives at a state, of a handle that moves while the shutter is open."""
-    assert state.motion_blur is not None
     # neighbours are smeared into each other
     shown = layers(rig, handle, state.T_world_handle, here.views, here.drawn, any_marker=True)
     basis = shading_basis(shown.turn).transpose(1, 0, 2)
     ways = here.ways_px(state.motion_blur.motion)
-    f_u, f_v = frequencies(here.drawn)
     spread = -2 * np.pi**2 * state.blur_px2[here.views.camera, None, None]
 
     def turn(f_u, f_v):
         return f_u * ways[:, :1, None] + f_v * ways[:, 1:, None]  # f . d, (k, rows, columns)
 
     def lens(f_u, f_v):
-        return np.exp(spread * f_u**2) * np.exp(spread * f_v**2)
+        return np.exp(spread * (f_u**2 + f_v**2))
 
-    def lens_and_smear(f_u, f_v):
-        return lens(f_u, f_v) * smear(turn(f_u, f_v))
+    def smeared(f_u, f_v):
+        return lens(f_u, f_v) * np.sinc(turn(f_u, f_v))
 
-    def by_way_of(f_u, f_v):
-        along = turn(f_u, f_v)
-        return lens(f_u, f_v) * smear_by(along, smear(along)) * (f_u + 1j * f_v)
+    def by_u(f_u, f_v):
+        return lens(f_u, f_v) * slope_of_sinc(turn(f_u, f_v)) * f_u
 
-    mean = even(lens_and_smear, f_u, f_v)
-    lights = np.concatenate([shown.marker[:, None] * basis, shown.body[:, None] * basis], axis=1)
-    seen = windows_of(spectra_of(lights, here) * mean[:, None], here)
+    def by_v(f_u, f_v):
+        return lens(f_u, f_v) * slope_of_sinc(turn(f_u, f_v)) * f_v
+
+    def seen(stack, kernel):
+        """Drawn windows (k, m, cells), or one for all m, after a filter."""
+        whole = stack.reshape(*stack.shape[:2], *here.drawn.shape)
+        spectrum = np.fft.fft2(whole) * even(kernel, *frequencies(here.drawn))[:, None]
+        return middle(np.fft.ifft2(spectrum).real, here)
+
     reach = np.abs(ways).max(initial=0.0) / 2 / min(here.at.cell)
     clear = middle(shown.clear[:, None], here)[:, 0] > CLEAR_PX + reach
-    at = explained(state, here, here.valid & clear, Lights(*np.split(seen, 2, axis=1)))
-    moves = spectra_of(by_grey_motion(shown, basis, at.greys), here)
-    by_pose = windows_of(moves * mean[:, None], here)
-    # of a way along u the real part, along v the imaginary one
-    grey = unblurred(shown, basis, at.greys).reshape(len(ways), *here.drawn.shape)
-    by_way = even(by_way_of, f_u, f_v)
-    by_ways = windows_of((scipy.fft.fft2(grey) * by_way)[:, None], here)
+    lights = (seen(share[:, None] * basis, smeared) for share in (shown.marker, shown.body))
+    at = explained(state, here, here.valid & clear, *lights)
+    by_pose = seen(by_grey_motion(shown, basis, at.greys), smeared)
+    grey = unblurred(shown, basis, at.greys)[:, None]
+    by_ways = np.concatenate([seen(grey, by_u), seen(grey, by_v)], axis=1)
     by_exposure = here.by_motion.transpose(0, 2, 1) @ by_ways
     by_blur = half_laplacian(at.predicted, here.at)[:, None]
-    return at._replace(
-        by_pose=np.concatenate([by_pose, in_handle(by_exposure, state), by_blur], axis=1)
-    )
+    every = [by_pose, in_handle(by_exposure, state), by_blur]
+    return at._replace(by_pose=np.concatenate(every, axis=1))
 
 
 def frequencies(at):
@@ -542,55 +477,22 @@ def frequencies(at):
     return f_u.astype(float), f_v[:, None].astype(float)
 
 
-def smear(along):
-    """What is left of a frequency that a way turns by ``along`` cycles: the mean of
-    ``exp(-2 pi i s along)`` over times s of the exposure from -1/2 to 1/2.
+def slope_of_sinc(along):
+    """Derivative of `numpy.sinc`: of the mean of ``exp(-2 pi i s along)`` over times s of the
+    exposure from -1/2 to 1/2.
     """
-    return np.sinc(along)
-
-
-def smear_by(along, smeared):
-    """Derivative of `smear` by ``along``, where that is `smeared`."""
     is_small = np.abs(along) < 1e-3
     safe = np.where(is_small, 1.0, along)
-    return np.where(is_small, -(np.pi**2) / 3 * along, (np.cos(np.pi * safe) - smeared) / safe)
+    slope = (np.cos(np.pi * safe) - np.sinc(safe)) / safe
+    return np.where(is_small, -(np.pi**2) / 3 * along, slope)
 
 
 def even(kernel_of, f_u, f_v):
     """The spectrum of a real kernel: the highest frequency of an even number of cells is its own
     opposite, and gets the mean of both.
     """
-    other_u = np.where(f_u == f_u.min(), -f_u, f_u) if f_u.size % 2 == 0 else f_u
-    other_v = np.where(f_v == f_v.min(), -f_v, f_v) if f_v.size % 2 == 0 else f_v
-    return (
-        kernel_of(f_u, f_v)
-        + kernel_of(f_u, other_v)
-        + kernel_of(other_u, f_v)
-        + kernel_of(other_u, other_v)
-    ) / 4
-
-
-def spectra_of(stack, here):
-    """The spectra of drawn windows (k, m, cells), m even, two at a time: as the real and the
-    imaginary part of one, shape (k, m / 2, rows, columns).
-    """
-    pairs = np.empty((len(stack), stack.shape[1] // 2, *here.drawn.shape), complex)
-    flat = pairs.reshape(*pairs.shape[:2], -1)
-    flat.real = stack[:, 0::2]
-    flat.imag = stack[:, 1::2]
-    return np.asarray(scipy.fft.fft2(pairs, overwrite_x=True))
-
-
-def windows_of(spectra, here):
-    """The windows (k, m, p) whose spectra were multiplied by those of real kernels; see
-    `spectra_of`.
-
-    What leaves a drawn window on one side comes in on the other, and gets no further than the
-    border that is left out.
-    """
-    pairs = middle(scipy.fft.ifft2(spectra, overwrite_x=True), here)
-    k, m, p = pairs.shape
-    return np.stack([pairs.real, pairs.imag], axis=2).reshape(k, 2 * m, p)
+    other_u, other_v = (np.where(f == f.min(), -f, f) if f.size % 2 == 0 else f for f in (f_u, f_v))
+    return sum(kernel_of(u, v) for u in (f_u, other_u) for v in (f_v, other_v)) / 4
 
 
 def middle(drawn, here):

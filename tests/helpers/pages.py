@@ -4,7 +4,13 @@ import json
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
+HTML = ROOT / "_build" / "html"
+built = pytest.mark.skipif(
+    not (HTML / "index.html").exists(), reason="no built pages: run make book first"
+)
 
 
 @cache

@@ -4,6 +4,7 @@ Nothing here depends on how fast a machine is. A process that must not go on too
 file, which the test makes when it has seen what it waited for.
 """
 
+import os
 import shlex
 import signal
 import subprocess
@@ -52,6 +53,30 @@ def wait_until(seen, process=None):
     return found
 
 
+def is_running(pid):
+    """Whether a process goes on; one that has ended may wait for somebody to ask how."""
+    import psutil  # where no process is asked about it need not be there
+
+    try:
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    except psutil.NoSuchProcess:
+        return False
+
+
 def open_gate():
     """Let the processes go on that wait for it."""
     Path(GATE).touch()
+
+
+def without_display(code, **changes):
+    """Exit code, output and errors of a Python that has no display, and to which a warning is an
+    error.
+    """
+    environment = {name: it for name, it in os.environ.items() if "DISPLAY" not in name}
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        capture_output=True,
+        text=True,
+        env=environment | changes,
+    )
+    return done.returncode, done.stdout.strip(), done.stderr

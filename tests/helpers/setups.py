@@ -40,19 +40,22 @@ def pose_at(t_s, speed=SPEED_MM_S, rig=None):
     )
 
 
+def shot_at(t_s, exposure_s, speed, rig):
+    """The rod as a shutter that is open so long sees it on its way."""
+    before, T, after = (pose_at(t_s + dt, speed, rig) for dt in (-5e-4, 0.0, 5e-4))
+    share = exposure_s / 0.010 / 1e-3  # `take` smears over 10 ms
+    velocity = share * (after.translation - before.translation)
+    turn = share * (after.rotation * before.rotation.inv()).as_rotvec()
+    return Shot(T, None, (1.0,) * len(rig.cameras), velocity, turn, False)
+
+
 @cache
-def clip(count=24, exposure_s=0.002, handle=ROD, baseline_mm=200.0, cameras=3, speed=SPEED_MM_S):
+def clip(count=16, exposure_s=0.002, handle=ROD, baseline_mm=200.0, cameras=3, speed=SPEED_MM_S):
     """The frames (instants, cameras) of the moving rod."""
     rig = small_rig(baseline_mm, cameras)
-    shots = []
-    for k in range(count):
-        before, T, after = (pose_at(k / FPS + dt, speed, rig) for dt in (-5e-4, 0.0, 5e-4))
-        velocity = (after.translation - before.translation) / 1e-3
-        turn = (after.rotation * before.rotation.inv()).as_rotvec() / 1e-3
-        # `take` smears over 10 ms
-        share = exposure_s / 0.010
-        shots.append(Shot(T, None, (1.0,) * cameras, share * velocity, share * turn, False))
-    job = Job(rig, handle, shots, np.arange(count) / FPS, 0, BENCH)
+    times = np.arange(count) / FPS
+    shots = [shot_at(t, exposure_s, speed, rig) for t in times]
+    job = Job(rig, handle, shots, times, 0, BENCH)
     return [[take(job, frame, c) for c in range(cameras)] for frame in range(count)]
 
 

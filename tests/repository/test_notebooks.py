@@ -1,41 +1,31 @@
 """Every chapter runs as it stands and with other parameters, and glues what a sweep asks for.
 
 `make book` runs the chapters as they stand: what it has stored is looked at here, or they run here
-if that is stale. With other parameters the lessons run in a small size; `make verify` repeats that
-in full, and for the studies.
+if that is stale. With other parameters two lessons run in a small size; `make verify` runs all, the
+studies as well, and repeats that in full.
 """
 
 import json
+from functools import cache
 
 import nbformat
 import pytest
 from chapterruns import OTHER_PARAMETERS, SMALL, check_results
-from chapters import LESSONS, NOTEBOOKS, STUDIES
+from chapters import LESSONS, NOTEBOOKS
 from executed import as_it_stands
-from films import frames_in
 from nbformat.v4 import new_code_cell
 
+from workbench.pages import build
+from workbench.provenance import hash_text, made_from_notebook
 from workbench.sweep.jobs import notebook_job, run_whole
 from workbench.sweep.notebook import glued, read_notebook, read_parameters, run_notebook
 from workbench.sweep.outcome import FAILED
 
-# of the films that chapters show
-FILM_FRAMES = {"01_structure": 30, "03_background": 30, "11_master_slave": 225}
 GLUED = {"application/papermill.record/text/plain"}  # what a glued number is stored as
 # figures are made, and not drawn: that takes a quarter of the time
 UNDRAWN = "%config InlineBackend.figure_formats = set()"
 
 each_notebook = pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-
-
-def pages_with_films(run):
-    """What the cells show that holds a film."""
-    shown = [
-        output.get("data", {}).get("text/html", "")
-        for cell in run.notebook.cells
-        for output in cell.get("outputs", [])
-    ]
-    return [page for page in shown if "<video" in page]
 
 
 def without_figure(run):
@@ -55,24 +45,27 @@ def test_every_chapter_has_an_entry(entries):
 
 
 @each_notebook
-def test_runs_at_its_defaults(path, tmp_path, monkeypatch):
+def test_runs_at_its_defaults(path, monkeypatch):
     monkeypatch.delenv("MPLBACKEND", raising=False)  # figures are shown, as in a build
     run = as_it_stands(path)
     check_results(path.stem, run.results)
     assert without_figure(run) == []
-    frames = [frames_in(page, tmp_path) for page in pages_with_films(run)]
-    assert frames == ([FILM_FRAMES[path.stem]] if path.stem in FILM_FRAMES else [])
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        *LESSONS,
-        *(pytest.param(path, marks=pytest.mark.heavy) for path in STUDIES),
-    ],
-    ids=lambda path: path.stem,
-)
-def test_runs_at_other_parameters(path):
+@cache
+def two_lessons():
+    """First what has changed since the pages were built, then others, by the hash of all that they are
+    made from.
+    """
+
+    def order(path):
+        made_from = made_from_notebook(read_notebook(path), path.parent)
+        return build.executed(path) is not None, hash_text(str(made_from))
+
+    return sorted(LESSONS, key=order)[:2]
+
+
+def check_other_parameters(path):
     other, small = (entries.get(path.stem, {}) for entries in (OTHER_PARAMETERS, SMALL))
     defaults = read_parameters(path)
     assert any(value != defaults.get(name) for name, value in other.items()), (
@@ -84,6 +77,17 @@ def test_runs_at_other_parameters(path):
     outcome = run_whole(job, {**other, **small})
     assert outcome.status != FAILED, outcome.error
     check_results(path.stem, glued(nbformat.reads(outcome.notebook, as_version=4)))
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_two_lessons_run_at_other_parameters(number):
+    check_other_parameters(two_lessons()[number])
+
+
+@pytest.mark.heavy
+@each_notebook
+def test_runs_at_other_parameters(path):
+    check_other_parameters(path)
 
 
 @each_notebook

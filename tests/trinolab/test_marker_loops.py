@@ -34,19 +34,18 @@ def check_same(image, uv, reach_px, *args):
 @pytest.mark.parametrize("kind", [np.uint8, np.float32])
 @pytest.mark.parametrize("markers", ["bright", "dark"])
 def test_renderings(markers, kind):
-    handle = load_handle("coded" if markers == "bright" else "paper")
+    handle = load_handle("coded")
     rng = np.random.default_rng(3)
+    T = random_pose(rng)
+    images = render_rig(RIG, handle, T, Bench(supersampling=2, marker_supersampling=4), rng)
     count = 0
-    for _ in range(3):
-        T = random_pose(rng)
-        images = render_rig(RIG, handle, T, Bench(supersampling=2, marker_supersampling=4), rng)
-        for camera, image in zip(RIG.cameras, images, strict=True):
-            image = image if handle.markers == markers else 255 - image
-            uv = camera.project(T.apply(handle.marker_centres))
-            uv += rng.normal(0, 3, uv.shape)
-            uv[::5] = np.nan
-            count += check_same(image.astype(kind), uv, 21.0, markers)
-    assert count > 20
+    for camera, image in zip(RIG.cameras, images, strict=True):
+        image = image if handle.markers == markers else 255 - image
+        uv = camera.project(T.apply(handle.marker_centres))
+        uv += rng.normal(0, 3, uv.shape)
+        uv[::5] = np.nan
+        count += check_same(image.astype(kind), uv, 21.0, markers)
+    assert count > 6
 
 
 def hostile(rng):
@@ -66,12 +65,12 @@ def hostile(rng):
 def test_hostile_images(parameters):
     rng = np.random.default_rng(0)
     count = 0
-    for _ in range(1500):
+    for _ in range(400):
         image = hostile(rng)
         uv = rng.uniform(-3, 63, (12, 2))
         uv[0] = rng.choice([np.nan, -0.5, 0.0, 1e30])
         count += check_same(image, uv, rng.uniform(1, 25), "bright", parameters)
-    assert count > 50
+    assert count > 12
 
 
 def test_a_reach_beyond_all_images():
@@ -86,14 +85,10 @@ def test_no_light_is_no_marker():
     assert np.isnan(markers_at(image, np.full((1, 2), 15.0), 8.0, "bright", nothing)).all()
 
 
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_no_index_is_out_of_bounds(tmp_path):
     """Compiled anew with bounds checked."""
-    environment = {
-        **os.environ,
-        "NUMBA_BOUNDSCHECK": "1",
-        "NUMBA_CACHE_DIR": str(tmp_path),
-    }
+    environment = {**os.environ, "NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
     here = f"{__file__}::test_hostile_images"
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", here]
     subprocess.run(command, env=environment, check=True)

@@ -8,28 +8,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
-from trinolab.bench.optics import Bench, blurred, digitise
-from trinolab.bench.scene import radiance, render_rig
+from trinolab import sensitivity
 from trinolab.camera import RigCovariance, displaced
 from trinolab.datasets import load_handle, load_rig
 from trinolab.default_covariance import PLACEMENT_MM, SCALE_SHARE, usual_covariance
-from trinolab.estimators.pixels import fit_patches
 from trinolab.files.poses import contradictions, pose_table
 from trinolab.handle import facing_pixels
-from trinolab.measurement import measure
-from trinolab.parameters import Parameters
+from trinolab.matching import epipolar_distances
 from trinolab.pose import Pose, fit_pose, fit_response
 from trinolab.rigid import motion_between
-from trinolab.sensitivity import (
-    NOTHING,
-    contradict,
-    known_errors,
-    pixel_slopes,
-    response,
-    students_factor,
-    systematic_covariance,
-)
-from workbench.studies.broken import covariance_of_such, miscalibrated
 
 BENT = np.array([-0.2, 0.1, 0.001, -0.002, 0.05])
 RAISED = load_rig("raised_40deg")
@@ -41,47 +28,38 @@ STEPS = np.array([0.1] * 4 + [1e-2] * 2 + [1e-3] * 2 + [1e-1] + [3e-5] * 3 + [0.
 
 
 @pytest.mark.parametrize("rational", [False, True])
-@pytest.mark.parametrize("c", range(3))
-def test_pixels_move_with_the_rig_as_the_slopes_say(c, rational):
-    points = POSE.apply(CODED.marker_centres)
+def test_pixels_move_with_the_rig_as_the_slopes_say(rational):
+    c, points = 1, POSE.apply(CODED.marker_centres)
     lens = [*BENT, 0.3, 0.1, 0.02] if rational else BENT
     rig = replace(RIG, cameras=tuple(replace(one, distortions=lens) for one in RIG.cameras))
     steps = np.insert(STEPS, 9, [1e-2, 1e-2, 1e-1]) if rational else STEPS
-    by_parameters, by_points = pixel_slopes(rig.cameras[c], points)
+    by_parameters, by_points = sensitivity.pixel_slopes(rig.cameras[c], points)
     for k, step in enumerate(steps):
-        delta = np.zeros(3 * len(steps))
-        delta[len(steps) * c + k] = step
+        delta = step * np.eye(3 * len(steps))[len(steps) * c + k]
         ahead, behind = (displaced(rig, s * delta).cameras[c].project(points) for s in (1, -1))
-        np.testing.assert_allclose(
-            by_parameters[..., k], (ahead - behind) / (2 * step), rtol=1e-5, atol=1e-8
-        )
-    for k in range(3):
-        shift = 0.01 * np.eye(3)[k]
+        slope = (ahead - behind) / (2 * step)
+        np.testing.assert_allclose(by_parameters[..., k], slope, rtol=1e-5, atol=1e-8)
+    for k, shift in enumerate(0.01 * np.eye(3)):
         ahead, behind = (rig.cameras[c].project(points + s * shift) for s in (1, -1))
         np.testing.assert_allclose(by_points[..., k], (ahead - behind) / 0.02, rtol=1e-6, atol=1e-8)
 
 
 def test_nothing_is_systematic_where_all_is_exact_and_what_is_usual_where_nothing_is_said():
-    found = response(np.ones((6, 1, 2)), np.array([0]), np.array([0]), CODED, POSE)
-    assert systematic_covariance(found, RIG, CODED) is NOTHING
+    found = sensitivity.response(np.ones((6, 1, 2)), np.array([0]), np.array([0]), CODED, POSE)
+    assert sensitivity.systematic_covariance(found, RIG, CODED) is sensitivity.NOTHING
     usual = replace(RIG, covariance=usual_covariance(RIG))
-    silent = systematic_covariance(found, replace(RIG, covariance=None), CODED)
-    np.testing.assert_array_equal(silent, systematic_covariance(found, usual, CODED))
+    silent = sensitivity.systematic_covariance(found, replace(RIG, covariance=None), CODED)
+    np.testing.assert_array_equal(silent, sensitivity.systematic_covariance(found, usual, CODED))
     assert silent.any()
-    placed = replace(CODED, placement_sigma_mm=PLACEMENT_MM)
-    unplaced = replace(CODED, placement_sigma_mm=None)
-    np.testing.assert_array_equal(
-        systematic_covariance(found, RIG, unplaced), systematic_covariance(found, RIG, placed)
-    )
 
 
 def test_a_handle_that_says_nothing_may_be_larger_as_a_whole():
     """Against the pixels of a handle that is larger by a thousandth, about the middle of its markers."""
     exact = replace(RIG, covariance=RigCovariance.exact(RIG.names))
     camera, marker = np.repeat([0, 1, 2], 4), np.tile([0, 1, 2, 3], 3)
-    found = response(np.ones((6, 12, 2)), camera, marker, CODED, POSE)
+    found = sensitivity.response(np.ones((6, 12, 2)), camera, marker, CODED, POSE)
     placed, unplaced = (
-        known_errors(found, exact, replace(CODED, placement_sigma_mm=sigma_mm))
+        sensitivity.known_errors(found, exact, replace(CODED, placement_sigma_mm=sigma_mm))
         for sigma_mm in (PLACEMENT_MM, None)
     )
     middle = found.points.mean(axis=0)
@@ -95,17 +73,6 @@ def test_a_handle_that_says_nothing_may_be_larger_as_a_whole():
     )
 
 
-def test_a_size_of_few_degrees_of_freedom_counts_by_students_factor():
-    found = response(np.ones((6, 1, 2)), np.array([0]), np.array([0]), CODED, POSE)
-    certain = replace(RIG, covariance=RigCovariance(RIG.names, 1e-6 * np.eye(45)))
-    unsure = replace(certain, covariance=replace(certain.covariance, freedom=3.0))
-    # t of three degrees of freedom is 1.197 where the normal distribution is 1
-    ratio = systematic_covariance(found, unsure, CODED) / systematic_covariance(
-        found, certain, CODED
-    )
-    np.testing.assert_allclose(ratio, 1.197**2, rtol=1e-3)
-
-
 def test_what_cameras_and_views_have_in_common_adds_up():
     """Two views of one camera move together with it, two of one marker with the marker."""
     gain = np.zeros((6, 2, 2))
@@ -115,17 +82,20 @@ def test_what_cameras_and_views_have_in_common_adds_up():
     rig = replace(RIG, covariance=RigCovariance(RIG.names, np.diag(sigma**2)))
 
     def spread(cameras, markers, rig=rig, handle=CODED):
-        found = response(gain, np.array(cameras), np.array(markers), handle, POSE)
-        return np.sqrt(systematic_covariance(found, rig, handle)[0, 0])
+        found = sensitivity.response(gain, np.array(cameras), np.array(markers), handle, POSE)
+        return np.sqrt(sensitivity.systematic_covariance(found, rig, handle)[0, 0])
 
     assert spread([0, 0], [0, 1]) == pytest.approx(0.6)
     assert spread([0, 1], [0, 1]) == pytest.approx(0.3 * np.sqrt(2))
     assert spread([2, 2], [0, 1]) == 0.0
     placed = replace(CODED, placement_sigma_mm=0.05)
     moves = 0.05 * np.linalg.norm(
-        pixel_slopes(RIG.cameras[0], POSE.apply(CODED.marker_centres))[1][0, 0]
+        sensitivity.pixel_slopes(RIG.cameras[0], POSE.apply(CODED.marker_centres))[1][0, 0]
     )
     assert spread([0, 0], [0, 0], RIG, placed) == pytest.approx(2 * moves)
+    # of a size of three degrees of freedom: t is 1.197 where the normal distribution is 1
+    unsure = replace(rig, covariance=replace(rig.covariance, freedom=3.0))
+    assert spread([0, 0], [0, 1], unsure) == pytest.approx(0.6 * 1.197, rel=1e-3)
     # both together: independent of each other
     assert spread([0, 0], [0, 0], rig, placed) == pytest.approx(np.hypot(0.6, 2 * moves))
     assert spread([0, 0], [0, 1], RIG, placed) == pytest.approx(np.sqrt(2) * moves, rel=0.02)
@@ -137,7 +107,7 @@ def test_the_papers_pose_answers_to_pixels_as_its_response_says():
     uv += 0.1 * np.random.default_rng(0).standard_normal(uv.shape)
     found = fit_response(uv, RIG, CODED)
     start = fit_pose(uv, RIG, CODED).T_world_handle
-    for k in range(0, len(found.camera), 3):
+    for k in range(0, len(found.camera), 5):
         for d in range(2):
             step = np.zeros_like(uv)
             step[found.camera[k], found.marker[k], d] = 0.05
@@ -152,59 +122,35 @@ def test_no_response_without_a_pose():
         fit_response(np.full((3, 12, 2), np.nan), RIG, CODED)
 
 
-def test_a_pose_from_pixels_answers_to_a_shifted_image_as_its_response_says():
-    """The whole image of a camera shifts, as it does when a principal point is wrong."""
-
-    def fitted(true):
-        images = render_rig(true, CODED, POSE, Bench(), np.random.default_rng(3))
-        return fit_patches(images, PAIR, CODED, POSE)
-
-    fit = fitted(PAIR)
-    found = fit.linear.response
-    for c in (0, 1):
-        shift = np.zeros((2, 15))
-        shift[c, 2] = 0.5  # px
-        shifted = fitted(displaced(PAIR, shift.ravel()))
-        away = motion_between(shifted.T_world_handle, fit.T_world_handle)
-        expected = found.gain[:, found.camera == c, 0].sum(axis=1) * 0.5
-        sizes = np.repeat([np.linalg.norm(away[:3]), np.linalg.norm(away[3:])], 3)
-        assert sizes[0] > 0.4  # mm
-        assert (np.abs(away - expected) < 0.15 * sizes).all()
-
-
-def test_nees_of_checked_poses_of_stated_rigs():
-    """24 rigs off by as much as their files say."""
-    rng, bench = np.random.default_rng(8), Bench()
-    clean = [blurred(radiance(camera, CODED, POSE, bench), bench) for camera in PAIR.cameras]
-    nees = []
-    for _ in range(24):
-        drawn = miscalibrated(PAIR, 0.3, 0.02, rng)
-        rig = replace(drawn, covariance=covariance_of_such(drawn, 0.3, 0.02))
-        images = [digitise(image, bench, rng) for image in clean]
-        pose = measure(images, rig, CODED, POSE, Parameters(estimator="paper", check=True)).pose
-        e = motion_between(pose.T_world_handle, POSE)
-        nees.append(e @ np.linalg.solve(pose.covariance, e))
-    assert abs(np.mean(nees) - 6) < 4 * np.sqrt(12 / len(nees))
+def test_images_are_apart_by_what_displaced_rigs_make_of_the_epipolar_distance():
+    sigma = np.zeros((2, 15))
+    sigma[:, 2:4] = 0.2
+    sigma[:, 9:12] = 1e-4
+    rig = replace(PAIR, covariance=RigCovariance(PAIR.names, np.diag(sigma.ravel() ** 2)))
+    uv = [camera.project([POSE.translation]) for camera in PAIR.cameras]
+    moved = [displaced(PAIR, step) for step in np.diag(sigma.ravel())]
+    each = [epipolar_distances(*one.cameras, *uv)[0, 0] for one in moved]
+    found = sensitivity.offsets_of(rig, uv).apart_px(0, 1)
+    # both images have a part in the distance, which is counted in one
+    assert found == pytest.approx(np.linalg.norm(each), rel=0.02)
 
 
 def test_files_say_where_cameras_contradict_each_other():
-    poses = [Pose("measured", POSE, np.eye(6), 0.1, 6, 2) for _ in range(10)]
-    wrong = [replace(pose, systematic=np.eye(6)) for pose in poses]
-    some = pose_table([*poses[:6], *wrong[:4]])
-    (line,) = contradictions(some, "a/rig.toml")
+    good = Pose("measured", POSE, np.eye(6), 0.1, 6, 2)
+    wrong = replace(good, systematic=np.eye(6))
+    (line,) = contradictions(pose_table([good] * 6 + [wrong] * 4), "a/rig.toml")
     assert line.startswith("a/rig.toml: the cameras contradict each other in 4 of 10 poses")
     assert "rig.covariance.toml" in line
-    assert contradictions(pose_table([*poses, *wrong[:1]]), "rig.toml") == []
+    assert contradictions(pose_table([good] * 10 + [wrong]), "rig.toml") == []
 
 
-def test_a_chi_square_by_the_table():
-    assert not contradict(16.8, 6)  # 16.81: one in a hundred (Abramowitz and Stegun, table 26.8)
-    assert contradict(16.82, 6)
-    assert not contradict(1e9, 0)
-
-
-def test_students_factor_by_the_table():
+def test_chi_square_and_students_factor_by_the_tables():
+    assert not sensitivity.contradict(
+        16.8, 6
+    )  # 16.81: one in a hundred (Abramowitz and Stegun, table 26.8)
+    assert sensitivity.contradict(16.82, 6)
+    assert not sensitivity.contradict(1e9, 0)
     # t of one degree of freedom is 1.837 where the normal distribution is 1, of three 1.197
-    assert students_factor(1) == pytest.approx(1.837**2, rel=1e-3)
-    assert students_factor(3) == pytest.approx(1.197**2, rel=1e-3)
-    assert students_factor(np.inf) == 1.0
+    assert sensitivity.students_factor(1) == pytest.approx(1.837**2, rel=1e-3)
+    assert sensitivity.students_factor(3) == pytest.approx(1.197**2, rel=1e-3)
+    assert sensitivity.students_factor(np.inf) == 1.0

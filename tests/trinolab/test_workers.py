@@ -1,13 +1,10 @@
 """Processes that work for another one end with it, also when it is killed."""
 
-import multiprocessing
 import os
 import signal
 from contextlib import suppress
 
 from processes import started, wait_until
-
-from trinolab import workers
 
 # A pool whose workers have nothing to do: its process says which they are, and waits.
 POOL = """
@@ -39,16 +36,9 @@ def test_idle_workers_end_with_a_parent_that_was_killed(tmp_path):
         pids = [int(pid) for pid in process.stdout.readline().split()]
         assert len(pids) == 2
         assert all(is_alive(pid) for pid in pids)
+        for pid in pids:
+            os.kill(pid, signal.SIGINT)  # is left to the parent
+        assert all(is_alive(pid) for pid in pids)
         process.send_signal(signal.SIGKILL)
         process.wait()
         wait_until(lambda: not any(is_alive(pid) for pid in pids))
-
-
-def test_ctrl_c_is_left_to_the_parent(monkeypatch):
-    before = signal.getsignal(signal.SIGINT)
-    monkeypatch.setattr(multiprocessing, "parent_process", lambda: None)  # this one has no parent
-    try:
-        workers.serve_parent()
-        assert signal.getsignal(signal.SIGINT) == signal.SIG_IGN
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -100,5 +100,5 @@ def rightly_labelled(found: Measurement, truth: RigidTransform, rig: Rig, handle
     near = nearest_equivalent(truth, found.pose.T_world_handle, handle.symmetries)[0]
     return all(
         (true_labels(camera, handle, near, markers.uv)[labels >= 0] == labels[labels >= 0]).all()
-        for camera, markers, labels in zip(rig.cameras, found.found, found.labels, strict=True)
+        for camera, markers, labels in zip(rig.cameras, found.markers, found.labels, strict=True)
     )

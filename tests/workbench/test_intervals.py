@@ -16,6 +16,7 @@ from workbench.intervals import (
     of_series,
     of_share,
     of_slope,
+    of_student,
     rms,
 )
 
@@ -30,14 +31,11 @@ def by_loops(values, m):
 
 @pytest.mark.parametrize("m", [1, 2, 5, 10])
 def test_allan_deviation_as_defined(m):
-    values = np.random.default_rng(0).normal(size=40)
-    assert allan_deviation(values, m) == pytest.approx(by_loops(values, m), rel=1e-12)
-
-
-def test_allan_deviation_of_columns_adds_the_variances():
-    values = np.random.default_rng(1).normal(size=(60, 2))
-    each = [by_loops(column, 4) for column in values.T]
-    assert allan_deviation(values, 4) == pytest.approx(np.hypot(*each), rel=1e-12)
+    """That of columns adds their variances."""
+    values = np.random.default_rng(0).normal(size=(40, 2))
+    each = [by_loops(column, m) for column in values.T]
+    assert allan_deviation(values[:, 0], m) == pytest.approx(each[0], rel=1e-12)
+    assert allan_deviation(values, m) == pytest.approx(np.hypot(*each), rel=1e-12)
 
 
 @pytest.mark.parametrize("m", [1, 4, 16, 64])
@@ -53,29 +51,18 @@ def test_allan_deviation_of_noise_in_closed_form(m):
     assert allan_deviation(np.cumsum(steps), m) == pytest.approx(walk, rel=scatter)
 
 
-def test_allan_deviation_of_a_drift():
-    """A line of slope d: its means of m differ by m d, so the deviation is m d / sqrt 2."""
-    assert allan_deviation(0.2 * np.arange(100), 8) == pytest.approx(8 * 0.2 / np.sqrt(2))
-
-
 @pytest.mark.parametrize("m", [1, 4, 16])
 def test_interval_of_an_allan_deviation_holds_95_percent(m):
-    n, draws = 128, 600
+    n, draws = 128, 2000
     rng = np.random.default_rng(3)
-    held = 0
-    for _ in range(draws):
-        low, high, _ = of_allan(allan_deviation(rng.normal(size=n), m), n, m)
-        held += low <= 1 / np.sqrt(m) <= high
-    # 600 draws of 0.95 scatter by 0.009
-    assert held / draws == pytest.approx(0.95, abs=0.03)
-
-
-def test_freedom_of_an_allan_deviation_by_sampling():
-    rng = np.random.default_rng(4)
-    variance = np.array([allan_deviation(rng.normal(size=128), 8) ** 2 for _ in range(2000)])
-    # of 2000 draws the estimate scatters by 4 %
-    sampled = 2 * variance.mean() ** 2 / variance.var()
-    assert allan_freedom(128, 8) == pytest.approx(sampled, rel=0.15)
+    deviations = np.array([allan_deviation(rng.normal(size=n), m) for _ in range(draws)])
+    ends = np.array([of_allan(deviation, n, m)[:2] for deviation in deviations])
+    held = ((ends[:, 0] <= 1 / np.sqrt(m)) & (1 / np.sqrt(m) <= ends[:, 1])).sum()
+    low, high = stats.binom(draws, 0.95).interval(0.999)
+    assert low <= held <= high
+    # the variance of a chi-square variable; of 2000 draws the estimate scatters by 4 %
+    sampled = 2 * (deviations**2).mean() ** 2 / (deviations**2).var()
+    assert allan_freedom(n, m) == pytest.approx(sampled, rel=0.15)
 
 
 def test_octaves():
@@ -106,21 +93,9 @@ def test_quantile_lies_between_order_statistics():
     """
     low, high, _ = of_quantile(np.arange(1.0, 21.0), 0.5)
     assert (low, high) == (6.0, 15.0)
-
-
-def test_quantile_of_too_few_values_has_no_upper_end():
-    low, high, _ = of_quantile(np.arange(20.0), 0.95)
+    low, high, _ = of_quantile(np.arange(20.0), 0.95)  # of too few values there is no upper end
     assert np.isfinite(low)
     assert np.isnan(high)
-
-
-def test_bootstrap_of_a_mean_against_the_normal_interval():
-    values = np.random.default_rng(5).normal(2.0, 1.0, 400)
-    low, high, _ = by_bootstrap(values, np.mean)
-    reach = 1.96 * values.std() / 20
-    # percentiles of 2000 resamples scatter by 3 % of the reach
-    assert low == pytest.approx(values.mean() - reach, abs=0.15 * reach)
-    assert high == pytest.approx(values.mean() + reach, abs=0.15 * reach)
 
 
 def test_bootstrap_against_another_program():
@@ -133,17 +108,17 @@ def test_bootstrap_against_another_program():
     scatter = 0.12 * (other.high - other.low)
     assert low == pytest.approx(other.low, abs=scatter)
     assert high == pytest.approx(other.high, abs=scatter)
-
-
-def test_bootstrap_draws_whole_rows():
-    """A statistic that is the same for each row is the same for each resample."""
+    # rows are drawn whole: a statistic that is the same for each is the same for each resample
     rows = np.column_stack([np.arange(10.0), -np.arange(10.0)])
-    low, high, _ = by_bootstrap(rows, lambda chosen: float(chosen.sum()))
-    assert low == high == 0.0
-
-
-def test_bootstrap_of_one_value_says_nothing():
+    assert by_bootstrap(rows, lambda chosen: float(chosen.sum()))[:2] == (0.0, 0.0)
     assert by_bootstrap([3.0], np.mean) == intervals.NONE
+
+
+def test_student_by_the_table():
+    """Of 1, 2, 3, 4: t of three degrees of freedom is 3.18245."""
+    reach = 3.18245 * np.sqrt(5 / 3) / 2
+    assert of_student([1, 2, 3, 4])[:2] == pytest.approx((2.5 - reach, 2.5 + reach), rel=1e-5)
+    assert of_student([1.0]) == intervals.NONE
 
 
 def test_slope_against_another_solution():
@@ -156,10 +131,6 @@ def test_slope_against_another_solution():
     reach = stats.t.ppf(0.975, 28) * np.sqrt(variance * covariance[0, 0])
     assert slope == pytest.approx(coefficients[0], rel=1e-9)
     assert (low, high) == pytest.approx((slope - reach, slope + reach), rel=1e-9)
-
-
-def test_rms():
-    assert rms(np.array([3.0, 4.0])) == pytest.approx(np.sqrt(12.5))
 
 
 def test_a_mean_of_a_series_is_held_as_often_as_is_said():
@@ -180,10 +151,7 @@ def test_a_mean_of_a_series_is_held_as_often_as_is_said():
     assert how.endswith("blocks of 25")
     assert held >= 168  # blocks cut a little off: 84 % and more
     assert alone <= 140
-
-
-def test_a_series_of_less_than_two_blocks_says_nothing():
-    assert np.isnan(of_series(np.arange(19.0), np.mean, 10).low)
+    assert np.isnan(of_series(np.arange(19.0), np.mean, 10).low)  # less than two blocks
 
 
 def test_instants_that_count_as_one_widen_a_share():

@@ -378,15 +378,17 @@ def _adjusted(target: Array, uv: Array, start: State, held: int = 0) -> tuple[St
 
     try:
         with np.errstate(all="ignore"):  # a step may lead anywhere; that shows in its cost
-            found = descended(start, linearised, further, REST)
-        of_unit_noise = inverse(found.linear)
+            descent = descended(start, linearised, further, REST)
+        of_unit_noise = inverse(descent.linear)
     except np.linalg.LinAlgError:
         raise ValueError(FREE) from None
-    if not (found.at_rest and np.isfinite(found.cost) and (found.state.lenses[:, :2] > 0).all()):
+    if not (
+        descent.at_rest and np.isfinite(descent.cost) and (descent.state.lenses[:, :2] > 0).all()
+    ):
         raise ValueError(UNEXPLAINED)
-    variance = 2 * found.cost / (measured - unknowns)
+    variance = 2 * descent.cost / (measured - unknowns)
     covariance = np.pad(of_unit_noise * variance, (held, 0))
-    return found.state, covariance, float(np.sqrt(variance))
+    return descent.state, covariance, float(np.sqrt(variance))
 
 
 def inverse(normal: Normal) -> Array:
@@ -443,10 +445,10 @@ def posed(
         return stepped_views(state, np.asarray(steps[..., 0], dtype=float))
 
     start = State(lenses, cameras, matrices(T_world_target))
-    found = descended(start, linearised, further, REST)
-    if not np.isfinite(found.cost):
+    descent = descended(start, linearised, further, REST)
+    if not np.isfinite(descent.cost):
         raise ValueError(UNEXPLAINED)
-    return images(found.state, target).uv - uv
+    return images(descent.state, target).uv - uv
 
 
 def _cost(uv: Array, measured: Array) -> float:

@@ -214,10 +214,10 @@ def _minimised(problem: _Problem, state: _State, factor: float) -> tuple[_State,
     def stepped(state: _State, at: _Linear, damping: float) -> _State:
         return _stepped(problem, state, _reduced(problem, state, at, factor, damping))
 
-    found = descended(state, linearised, stepped, SETTLED)
-    if not np.isfinite(found.cost):
+    descent = descended(state, linearised, stepped, SETTLED)
+    if not np.isfinite(descent.cost):
         raise ValueError("centres: expected images of one handle, got some that no rig explains")
-    return found.state, found.linear
+    return descent.state, descent.linear
 
 
 def _cost(problem: _Problem, state: _State, at: _Linear, factor: float) -> float:

@@ -47,7 +47,7 @@ class RigCalibration(NamedTuple):
 
     Attributes
     ----------
-    found : Calibrated
+    calibrated : Calibrated
     parameters : pandas.DataFrame
         Columns `camera`, `parameter`, `value`, `sigma`: lens, and place and rotation vector of
         T_world_cam, which is zero for the first camera. `sigma` is the standard deviation, 0 for
@@ -72,7 +72,7 @@ class RigCalibration(NamedTuple):
         difference.
     """
 
-    found: Calibrated
+    calibrated: Calibrated
     parameters: pd.DataFrame
     views: pd.DataFrame
     passed_over: int
@@ -474,9 +474,9 @@ def _wide_lens(seen: TargetViews, target: Target) -> str:
     )
 
 
-def _view_table(seen: TargetViews, found: Calibrated, reasons: np.ndarray) -> pd.DataFrame:
+def _view_table(seen: TargetViews, calibrated: Calibrated, reasons: np.ndarray) -> pd.DataFrame:
     """The table `RigCalibration.views`."""
-    distances = np.linalg.norm(found.residuals_px, axis=3)
+    distances = np.linalg.norm(calibrated.residuals_px, axis=3)
     rows = []
     for k, v in np.ndindex(reasons.shape):
         used = np.isfinite(distances[k, v]).any()
@@ -487,7 +487,7 @@ def _view_table(seen: TargetViews, found: Calibrated, reasons: np.ndarray) -> pd
                 "view": seen.views[v],
                 "status": status,
                 "points": int(np.isfinite(seen.uv[k, v]).all(axis=1).sum()),
-                "rms_px": found.view_rms_px[k, v],
+                "rms_px": calibrated.view_rms_px[k, v],
                 "worst_px": np.nanmax(distances[k, v]) if used else np.nan,
                 "reason": reasons[k, v] if status == "dropped" else "",
             }
@@ -495,16 +495,16 @@ def _view_table(seen: TargetViews, found: Calibrated, reasons: np.ndarray) -> pd
     return pd.DataFrame(rows)
 
 
-def _parameter_table(found: Calibrated) -> pd.DataFrame:
+def _parameter_table(calibrated: Calibrated) -> pd.DataFrame:
     """The table `RigCalibration.parameters`."""
     rows = []
-    for k, camera in enumerate(found.cameras):
+    for k, camera in enumerate(calibrated.cameras):
         lens = [*camera.focal, *camera.principal_point, *camera.distortions]
         names = [
             name if unit == "1" else f"{name} / {unit}" for name, unit in camera.parameters[:-6]
         ]
-        values = [*lens, *_place(found, k)[0]]
-        sigmas = [*found.intrinsic_sigma[k], *_place(found, k)[1]]
+        values = [*lens, *_place(calibrated, k)[0]]
+        sigmas = [*calibrated.intrinsic_sigma[k], *_place(calibrated, k)[1]]
         rows += [
             {"camera": camera.name, "parameter": name, "value": float(value), "sigma": float(sigma)}
             for name, value, sigma in zip([*names, *_PLACE], values, sigmas, strict=True)
@@ -512,12 +512,12 @@ def _parameter_table(found: Calibrated) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _place(found: Calibrated, camera: int) -> tuple[Array, Array]:
+def _place(calibrated: Calibrated, camera: int) -> tuple[Array, Array]:
     """Translation (mm) and rotation vector (deg) of T_world_cam, (6,), and their standard
     deviations.
     """
-    T = found.cameras[camera].T_world_cam
-    covariance = found.relative_covariance(camera)
+    T = calibrated.cameras[camera].T_world_cam
+    covariance = calibrated.relative_covariance(camera)
     rotvec = T.rotation.as_rotvec()
     # from small turns in the world to changes of the vector
     back = np.linalg.inv(left_jacobian(rotvec))
@@ -531,7 +531,7 @@ def as_lines(result: RigCalibration) -> list[str]:
     """A calibration as lines of text: errors, parameters with their standard deviations, and dropped
     views with their reasons.
     """
-    calibrated, views = result.found, result.views
+    calibrated, views = result.calibrated, result.views
     lines = [f"{'camera':12s} {'views':>6s} {'points':>7s} {'rms / px':>9s}"]
     for name, rows in views[views["status"] == "used"].groupby("camera", sort=False):
         rms = np.sqrt((rows["rms_px"] ** 2 * rows["points"]).sum() / rows["points"].sum())

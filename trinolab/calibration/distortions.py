@@ -142,7 +142,7 @@ def _of_most_terms(
     return calibrate_robustly(target, uv, sizes, names, TERMS[0], report)
 
 
-def left_out_squares(target: Array, uv: Array, found: Calibrated) -> Array | None:
+def left_out_squares(target: Array, uv: Array, calibrated: Calibrated) -> Array | None:
     """Mean squared distance of the points of each view from where cameras that were calibrated
     without the view see them, px^2, shape (views used,).
 
@@ -151,7 +151,7 @@ def left_out_squares(target: Array, uv: Array, found: Calibrated) -> Array | Non
     target : ndarray, shape (n, 3)
     uv : ndarray, shape (cameras, views, n, 2)
         NaN for what was not found or is not used.
-    found : Calibrated
+    calibrated : Calibrated
         The calibration from all of them.
 
     Returns
@@ -159,7 +159,7 @@ def left_out_squares(target: Array, uv: Array, found: Calibrated) -> Array | Non
     ndarray, shape (views used,)
         None if what is left does not determine the cameras.
     """
-    poses = {v: T for v, T in enumerate(found.T_world_target) if T is not None}
+    poses = {v: T for v, T in enumerate(calibrated.T_world_target) if T is not None}
     used = np.array(list(poses))
     views = used[:: -(-len(used) // MOST_VIEWS)]
     folds = min(FOLDS, len(views))
@@ -167,7 +167,7 @@ def left_out_squares(target: Array, uv: Array, found: Calibrated) -> Array | Non
     for fold in range(folds):
         out = np.arange(fold, len(views), folds)
         try:
-            others = _without(target, uv, found, np.delete(views, out))
+            others = _without(target, uv, calibrated, np.delete(views, out))
             left = posed(others, target, uv[:, views[out]], [poses[v] for v in views[out]])
         except ValueError:
             return None
@@ -175,13 +175,13 @@ def left_out_squares(target: Array, uv: Array, found: Calibrated) -> Array | Non
     return squares
 
 
-def _without(target: Array, uv: Array, found: Calibrated, views: np.ndarray) -> Calibrated:
+def _without(target: Array, uv: Array, calibrated: Calibrated, views: np.ndarray) -> Calibrated:
     """The calibration from some of the views alone."""
     pixels = np.full_like(uv, np.nan)
     pixels[:, views] = uv[:, views]
-    sizes = [camera.size for camera in found.cameras]
-    names = [camera.name for camera in found.cameras]
-    return calibrate(target, pixels, sizes, names, found.distortion_terms, start=found)
+    sizes = [camera.size for camera in calibrated.cameras]
+    names = [camera.name for camera in calibrated.cameras]
+    return calibrate(target, pixels, sizes, names, calibrated.distortion_terms, start=calibrated)
 
 
 def chosen(squares: dict[int, Array]) -> Choice:
@@ -202,7 +202,7 @@ def spread_of_cameras(other: Calibrated, best: Calibrated) -> Array:
     """The outer product (q, q) of the difference between another calibration's cameras and the best
     one's, in the order of `Calibrated.covariance`.
     """
-    a, b = (lenses_of(found.cameras, best.distortion_terms) for found in (other, best))
+    a, b = (lenses_of(calibrated.cameras, best.distortion_terms) for calibrated in (other, best))
     places = [
         motion_between(a.T_world_cam, b.T_world_cam)
         for a, b in zip(other.cameras[1:], best.cameras[1:], strict=True)

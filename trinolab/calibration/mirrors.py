@@ -82,10 +82,10 @@ def unmirrored(seen: TargetViews, target: Target) -> Flipped | None:
     tells which of them see it as in a mirror. Without them the larger group is taken to be right, or
     of two equal ones that of the first camera.
     """
-    told = _agreeing(_rotations(seen, target), _orders(target), _turns(target))
-    if told is None or not any(order.mirrored for order, _ in told):
+    agreed = _agreeing(_rotations(seen, target), _orders(target), _turns(target))
+    if agreed is None or not any(order.mirrored for order, _ in agreed):
         return None
-    group = np.array([order.mirrored for order, _ in told])
+    group = np.array([order.mirrored for order, _ in agreed])
     visible = np.array(np.isfinite(seen.uv).any(axis=(2, 3)))
     shares = [seen.mirrored[of].sum() / visible[of].sum() for of in (~group, group)]
     unambiguous = True
@@ -113,14 +113,14 @@ def upright(seen: TargetViews, target: Target) -> tuple[TargetViews, str]:
     """
     turns = _turns(target)
     rotations = _rotations(seen, target)
-    told = None if len(turns) == 1 else _agreeing(rotations, _orders(target)[:1], turns)
-    if told is None:
+    agreed = None if len(turns) == 1 else _agreeing(rotations, _orders(target)[:1], turns)
+    if agreed is None:
         return seen, ""
     uv = np.array(seen.uv)
     counts = dict[str, int]()
     for v in range(len(seen.views)):
         common = None
-        for k, (_, R) in enumerate(told):
+        for k, (_, R) in enumerate(agreed):
             ways = R.T @ rotations[k][v] @ turns  # in the first camera's frame
             if not np.isfinite(ways).all():
                 continue
@@ -244,7 +244,7 @@ def _agreeing(
     """
     chosen = {0: (orders[0], np.eye(3))}
     while len(chosen) < len(rotations):
-        told = list[tuple[float, int, int, int]]()
+        candidates = list[tuple[float, int, int, int]]()
         for b in range(len(rotations)):
             for a, (order, _) in chosen.items() if b not in chosen else ():
                 spreads = [_spread(rotations[a], order, rotations[b], of, turns) for of in orders]
@@ -253,10 +253,10 @@ def _agreeing(
                 others = [spread for k, (spread, _, _) in enumerate(spreads) if k != number]
                 second = min([*others, spreads[number][1]])
                 if np.isfinite(best):
-                    told.append((second / max(best, 1e-9), b, a, number))
-        if not told or max(told)[0] < CLEARER:
+                    candidates.append((second / max(best, 1e-9), b, a, number))
+        if not candidates or max(candidates)[0] < CLEARER:
             return None
-        _, b, a, number = max(told)
+        _, b, a, number = max(candidates)
         order, R = chosen[a]
         chosen[b] = (
             orders[number],

@@ -54,14 +54,14 @@ def check_scale(seen: TargetViews, target: Target) -> None:
     log.warning("%s; is it so?", text)
 
 
-def distance_of_target(found: Calibrated, target: Target) -> str:
+def distance_of_target(calibrated: Calibrated, target: Target) -> str:
     """A line about a calibration: the distances of cameras and target by the target's stated size."""
-    first, *others = found.cameras
+    first, *others = calibrated.cameras
     apart = ", ".join(
         f"{camera.name} {np.linalg.norm(camera.centre - first.centre):.4g} mm" for camera in others
     )
     middle = target.points.mean(axis=0)
-    away = [np.linalg.norm(T.apply(middle)) for T in found.T_world_target if T is not None]
+    away = [np.linalg.norm(T.apply(middle)) for T in calibrated.T_world_target if T is not None]
     return (
         f"with squares of {target.square_mm:g} mm the distance from {first.name} is: {apart}, the target "
         f"{min(away):.3g} to {max(away):.3g} mm"

@@ -127,9 +127,9 @@ class _Problem(NamedTuple):
             return stepped(state, common, views), delays + later
 
         with np.errstate(all="ignore"):
-            found = descended((start, delays), linearised, further, REST)
-        state, delays = found.state
-        return _Fit(state, delays, found.linear, found.cost)
+            descent = descended((start, delays), linearised, further, REST)
+        state, delays = descent.state
+        return _Fit(state, delays, descent.linear, descent.cost)
 
     def seen(self, state: State, delays: Array) -> Images:
         """The images of the points at the cameras' own times."""
@@ -175,7 +175,7 @@ class _Problem(NamedTuple):
 
 
 def synchronised(
-    target: Array, uv: Array, found: Calibrated, times: Array, held: bool
+    target: Array, uv: Array, calibrated: Calibrated, times: Array, held: bool
 ) -> tuple[Calibrated, Synchrony] | None:
     """A calibration that allows for cameras that take a view's images at different times.
 
@@ -184,7 +184,7 @@ def synchronised(
     target : ndarray, shape (n, 3)
     uv : ndarray, shape (cameras, views, n, 2)
         The measured pixels of its points.
-    found : Calibrated
+    calibrated : Calibrated
         The calibration that takes all cameras for simultaneous. Views that it does not use stay unused.
     times : ndarray, shape (views,)
         Of the views, rising; in any unit.
@@ -197,14 +197,14 @@ def synchronised(
         Its residuals are those at the cameras' own times. None if the views give no evidence for
         delays, or determine too little of the motion.
     """
-    used: Array = np.array([T is not None for T in found.T_world_target])
-    if len(found.cameras) < 2 or used.sum() < FEWEST_VIEWS:
+    used: Array = np.array([T is not None for T in calibrated.T_world_target])
+    if len(calibrated.cameras) < 2 or used.sum() < FEWEST_VIEWS:
         return None
-    measured = np.where(np.isfinite(found.residuals_px), uv, np.nan)[:, used]
+    measured = np.where(np.isfinite(calibrated.residuals_px), uv, np.nan)[:, used]
     start = State(
-        lenses_of(found.cameras, found.distortion_terms),
-        matrices(camera.T_world_cam for camera in found.cameras),
-        matrices(T for T in found.T_world_target if T is not None),
+        lenses_of(calibrated.cameras, calibrated.distortion_terms),
+        matrices(camera.T_world_cam for camera in calibrated.cameras),
+        matrices(T for T in calibrated.T_world_target if T is not None),
     )
     motion = _motion(start, target, measured, times[used])
     if not motion.squares.any():
@@ -215,10 +215,10 @@ def synchronised(
         if not plain.cost > 0:  # points without any noise
             return None
         timed, s = _most_likely(problem, start)
-        cost_of_delays = len(found.cameras)  # the delays of all but the first, and s
+        cost_of_delays = len(calibrated.cameras)  # the delays of all but the first, and s
         if problem.schwarz(timed, s, cost_of_delays) >= problem.schwarz(plain, 0.0, 0):
             return None
-        return _calibrated(problem, found, used, plain, timed, s)
+        return _calibrated(problem, calibrated, used, plain, timed, s)
     except (np.linalg.LinAlgError, ValueError):  # they leave something free
         return None
 
@@ -275,25 +275,25 @@ def _by_both_sides(speeds: Array) -> Array:
 
 
 def _calibrated(
-    problem: _Problem, found: Calibrated, used: Array, plain: _Fit, timed: _Fit, s: float
+    problem: _Problem, calibrated: Calibrated, used: Array, plain: _Fit, timed: _Fit, s: float
 ) -> tuple[Calibrated, Synchrony]:
     state, held = timed.state, problem.held
     q = state.common - held
     variance = problem.variance(timed)
-    covariance = np.array(found.covariance)
+    covariance = np.array(calibrated.covariance)
     # what the calibration says beside its noise stays
     covariance[held:, held:] -= problem.variance(plain) * inverse(plain.linear)
     covariance[held:, held:] += variance * inverse(timed.linear)[:q, :q]
-    residuals = np.full(found.residuals_px.shape, np.nan)
+    residuals = np.full(calibrated.residuals_px.shape, np.nan)
     residuals[:, used] = problem.seen(state, timed.delays).uv - problem.uv
     T_world_cam = RigidTransform.from_matrix(state.T_world_cam)
     cameras = tuple(
         camera_of(camera.name, camera.size, lens, T)
-        for camera, lens, T in zip(found.cameras, state.lenses, T_world_cam, strict=True)
+        for camera, lens, T in zip(calibrated.cameras, state.lenses, T_world_cam, strict=True)
     )
     poses = iter(RigidTransform.from_matrix(state.T_world_target))
     calibrated = replace(
-        found,
+        calibrated,
         cameras=cameras,
         T_world_target=tuple(next(poses) if of_view else None for of_view in used),
         covariance=frozen(covariance),

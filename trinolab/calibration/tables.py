@@ -226,16 +226,16 @@ def _anipose(path: Path, target: Target) -> pd.DataFrame:
     except OSError as error:
         raise ValueError(f"{path}: cannot be read ({error.strerror})") from None
     try:
-        found = _Numbers(io.BytesIO(data)).load()
+        loaded = _Numbers(io.BytesIO(data)).load()
         rows = [
             (c, _label(row["framenum"]), np.asarray(row["filled"], float).reshape(-1, 2))
-            for c, of in enumerate(found)
+            for c, of in enumerate(loaded)
             for row in of
         ]
     except Exception as error:  # a damaged pickle may raise anything
         what = f"{type(error).__name__}: {error}".splitlines()[0]
         raise ValueError(f"{path}: is not what Anipose writes ({what})") from None
-    if not rows or not all(map(len, found)):
+    if not rows or not all(map(len, loaded)):
         raise ValueError(f"{path}: has no point of one of its cameras")
     cameras, labels, pixels = zip(*rows, strict=True)
     n = len(target.points)

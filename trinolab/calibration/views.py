@@ -361,10 +361,10 @@ def _likeliest(
 
 def look_lines(seen: TargetViews) -> list[str]:
     """A line if the target is light on dark, and one if cameras see it mirrored."""
-    found = np.isfinite(seen.uv).any(axis=(2, 3))
+    showing = np.isfinite(seen.uv).any(axis=(2, 3))
     lines = list[str]()
     if count := int(seen.inverted.sum()):
-        every = int(found.sum())
+        every = int(showing.sum())
         of_target = ": the target is light on dark (inverted)" if 2 * count > every else ""
         lines.append(
             f"found in the negative of {count} of the {every} images that show it{of_target}"
@@ -373,7 +373,7 @@ def look_lines(seen: TargetViews) -> list[str]:
         cameras = [
             f"{name} in {mirrored} of {shown}"
             for name, mirrored, shown in zip(
-                seen.cameras, seen.mirrored.sum(axis=1), found.sum(axis=1), strict=True
+                seen.cameras, seen.mirrored.sum(axis=1), showing.sum(axis=1), strict=True
             )
             if mirrored
         ]
@@ -385,17 +385,17 @@ def look_lines(seen: TargetViews) -> list[str]:
 
 
 def _images(
-    source: _Source, wanted: list[str], said: set[str]
+    source: _Source, wanted: list[str], logged: set[str]
 ) -> Iterator[tuple[str, np.ndarray, Path]]:
     """Name, grey image and file of wanted views that the source has."""
     if source.files is None:
         frames = [k for k, label in enumerate(source.labels) if label in set(wanted)]
-        images = frames_of(source.footage, said=said, wanted=frames)
+        images = frames_of(source.footage, logged=logged, wanted=frames)
         for k, image in zip(frames, images, strict=False):  # a header may promise too many
             yield source.labels[k], image, source.footage.path
         return
     paths = [source.footage.path / source.files[label] for label in wanted]
-    yield from zip(wanted, read_greys(paths, said=said), paths, strict=True)
+    yield from zip(wanted, read_greys(paths, logged=logged), paths, strict=True)
 
 
 def _same_size(image: np.ndarray, size: tuple[int, int] | None, path: Path) -> tuple[int, int]:

@@ -29,10 +29,10 @@ def checked_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) -
     away from it with the same rig. Where the image model applies, the pose is known better: the mean
     square of the error is that of the better pose, and the square of the way from there.
     """
-    found = fitted(instant, rig, handle, p)
-    if found is None:
+    assessed = fitted(instant, rig, handle, p)
+    if assessed is None:
         return pose_of_centroids(instant.uv, rig, handle, p.max_slant_deg, instant.near)
-    fit, assessment = found
+    fit, assessment = assessed
     better = measured_pose(fit, assessment)
     uv = instant.uv.copy()
     hidden = ~fit.shown

@@ -22,8 +22,8 @@ def fitted_pose(instant: Identified, rig: Rig, handle: Handle, p: Parameters) ->
     """The pose by the estimator ``patches`` (see `pixels.fit_patches`) or ``reprojection`` (see
     `reprojection.fit_centroids`).
     """
-    found = fitted(instant, rig, handle, p)
-    return LOST if found is None else measured_pose(*found)
+    assessed = fitted(instant, rig, handle, p)
+    return LOST if assessed is None else measured_pose(*assessed)
 
 
 def fitted(

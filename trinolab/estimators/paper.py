@@ -53,10 +53,10 @@ def pose_of_centroids(
         from ..uncertainty.assessment import assess
 
         fit = linear_fit(uv, near, handle, T_world_handle, max_slant_deg)
-        found = assess(fit, rig, handle, near)
+        assessment = assess(fit, rig, handle, near)
         # the pose is not corrected
-        kept = np.outer(found.correction, found.correction)
-        return found.covariance_random, found.systematic + kept
+        kept = np.outer(assessment.correction, assessment.correction)
+        return assessment.covariance_random, assessment.systematic + kept
 
     return replace(
         pose, covariance_random=lambda: covariances()[0], systematic=lambda: covariances()[1]

@@ -79,7 +79,7 @@ def read_grey(path: Path, size: tuple[int, int] | None = None) -> np.ndarray:
 
 
 def read_greys(
-    paths: Iterable[Path], size: tuple[int, int] | None = None, said: set[str] | None = None
+    paths: Iterable[Path], size: tuple[int, int] | None = None, logged: set[str] | None = None
 ) -> Iterator[np.ndarray]:
     """Read a camera's image files one after the other as grey images, shape (height, width), grey
     levels 0 to 255.
@@ -93,7 +93,7 @@ def read_greys(
     paths : iterable of Path
     size : (int, int), optional
         Width and height that they must have.
-    said : set of str, optional
+    logged : set of str, optional
         Remarks that the log already contains; cameras that are read together share one set.
 
     Raises
@@ -103,14 +103,14 @@ def read_greys(
         allow, or more pixels than `limits.PIXELS`; the last before it is decoded.
     """
     bits: dict[Path, int] = {}
-    return logged_once(((path, _read(path, size, bits)) for path in paths), said)
+    return logged_once(((path, _read(path, size, bits)) for path in paths), logged)
 
 
 def logged_once(
-    images: Iterable[tuple[Path, Grey]], said: set[str] | None = None
+    images: Iterable[tuple[Path, Grey]], logged: set[str] | None = None
 ) -> Iterator[np.ndarray]:
     """The images; each remark is logged once, with the file of the first image that it concerns."""
-    before = set() if said is None else said
+    before = set() if logged is None else logged
     for path, (image, remarks) in images:
         for remark in remarks:
             if remark not in before:

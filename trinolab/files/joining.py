@@ -37,7 +37,7 @@ class Offset(NamedTuple):
 
 
 def join(
-    found: pd.DataFrame, true: pd.DataFrame, poses: str | Path, truth: str | Path
+    measured: pd.DataFrame, true: pd.DataFrame, poses: str | Path, truth: str | Path
 ) -> pd.DataFrame:
     """The rows of poses beside those of their truth, whose columns end in ``_true``.
 
@@ -46,7 +46,7 @@ def join(
 
     Parameters
     ----------
-    found, true : pandas.DataFrame
+    measured, true : pandas.DataFrame
         Of `read_poses`.
     poses, truth : path
         Their files.
@@ -58,33 +58,33 @@ def join(
         that fit the truth of frames far away.
     """
     true_poses = true[true["status"] != "lost"]
-    both = found.merge(true_poses, on="frame", suffixes=("", "_true"))
+    both = measured.merge(true_poses, on="frame", suffixes=("", "_true"))
     if both.empty:
         raise ValueError(f"{poses}, {truth}: no frame in common")
     _check_times(both, f"{poses}, {truth}")
-    _check_offset(best_offset(found, true_poses), poses, truth)
-    if alone := int((~found["frame"].isin(true["frame"])).sum()):
-        log.warning("%s: %d of %d frames have no truth in %s", poses, alone, len(found), truth)
-    if alone := int((~true_poses["frame"].isin(found["frame"])).sum()):
+    _check_offset(best_offset(measured, true_poses), poses, truth)
+    if alone := int((~measured["frame"].isin(true["frame"])).sum()):
+        log.warning("%s: %d of %d frames have no truth in %s", poses, alone, len(measured), truth)
+    if alone := int((~true_poses["frame"].isin(measured["frame"])).sum()):
         message = "%s: %d of %d instants have no row in %s, and count as lost"
         log.warning(message, truth, alone, len(true_poses), poses)
-    if _has_sigma(true) and not _has_sigma(found):
+    if _has_sigma(true) and not _has_sigma(measured):
         log.warning(
             "%s has uncertainties, %s has none: is the truth given before the poses?", truth, poses
         )
     return both
 
 
-def best_offset(found: pd.DataFrame, true: pd.DataFrame) -> Offset | None:
+def best_offset(measured: pd.DataFrame, true: pd.DataFrame) -> Offset | None:
     """The offset at which poses fit the truth far better than they do; None if they fit, or fit
     nowhere.
 
     Parameters
     ----------
-    found, true : pandas.DataFrame
+    measured, true : pandas.DataFrame
         Of `read_poses`; each row of `true` has a pose.
     """
-    with_pose = found[found["status"].isin(["measured", "ambiguous"])]
+    with_pose = measured[measured["status"].isin(["measured", "ambiguous"])]
     if len(with_pose) < FEWEST:
         return None
     with_pose = with_pose.iloc[

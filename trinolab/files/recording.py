@@ -110,7 +110,7 @@ def frames_of(
     footage: Footage,
     size: tuple[int, int] | None = None,
     first: int = 0,
-    said: set[str] | None = None,
+    logged: set[str] | None = None,
     wanted: Sequence[int] | None = None,
 ) -> Iterator[np.ndarray]:
     """The frames one after the other, shape (height, width), grey levels 0 to 255; see
@@ -123,7 +123,7 @@ def frames_of(
         Width and height that they must have.
     first : int
         The first frame to yield.
-    said : set of str, optional
+    logged : set of str, optional
         Remarks that are already in the log, see `images.read_greys`.
     wanted : sequence of int, optional
         The numbers of the frames to yield, rising; all by default.
@@ -135,9 +135,9 @@ def frames_of(
     """
     if footage.names:
         names = footage.names[first:] if wanted is None else [footage.names[k] for k in wanted]
-        return read_greys([footage.path / name for name in names], size, said)
+        return read_greys([footage.path / name for name in names], size, logged)
     frames = _video_frames(footage.path, size, first, wanted)
-    return logged_once(((footage.path, frame) for frame in frames), said)
+    return logged_once(((footage.path, frame) for frame in frames), logged)
 
 
 def _video_frames(

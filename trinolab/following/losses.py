@@ -86,7 +86,7 @@ def likely_cause(instants: Sequence[Images], rig: Rig, handle: Handle) -> str:
     handle : Handle
     """
     all_own = _measured(instants, rig, handle)
-    counts = [max(len(found.uv) for found in one.found) for one in all_own]
+    counts = [max(len(markers.uv) for markers in one.markers) for one in all_own]
     showing = [k for k, count in enumerate(counts) if count >= FEWEST_MARKERS]
     if len(showing) < SHOWING * len(instants):
         return _nothing(instants, rig, handle)

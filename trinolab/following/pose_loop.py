@@ -33,9 +33,9 @@ def approach(R, t, views, layout, limits, uv, seen):
         Cosines of the slant up to which a marker counts in full and of `Layout.limb`; how far from
         its place a marker may lie for the last step, px.
     uv : ndarray, shape (C, 2, n)
-        Where each marker was found, ideal pixels.
+        Where each marker was detected, ideal pixels.
     seen : ndarray of bool, shape (C, n)
-        Whether it was found.
+        Whether it was detected.
 
     Returns
     -------
@@ -148,8 +148,8 @@ def nearest(uv, seen, limb, gate_px, at):
 
 
 @_compiled
-def squared(uv, at, c, found, place):
-    """The squared distance of a found marker and a predicted place."""
-    du = uv[c, 0, found] - at[c, place, 0]
-    dv = uv[c, 1, found] - at[c, place, 1]
+def squared(uv, at, c, marker, place):
+    """The squared distance of a detected marker and a predicted place."""
+    du = uv[c, 0, marker] - at[c, place, 0]
+    dv = uv[c, 1, marker] - at[c, place, 1]
     return du * du + dv * dv

@@ -52,7 +52,7 @@ from .posefilter import Motion, PoseFilterParameters
 LEAST_SHARE = 1 / 3
 # share that a search leaves for the fit of what it finds
 SEARCH_LEAVES = 1 / 2
-# of a pose that a search has found, mm and rad
+# of a pose of a search, mm and rad
 SEARCH_COVARIANCE = np.diag(np.repeat([1.0, 0.1], 3) ** 2)
 
 
@@ -115,7 +115,7 @@ class Searched(NamedTuple):
 
     Attributes
     ----------
-    found : tuple of Markers
+    markers : tuple of Markers
         One per camera.
     hypotheses : list of Hypothesis
         See `identity.identify`.
@@ -125,7 +125,7 @@ class Searched(NamedTuple):
         For the next search, see `TrackState`.
     """
 
-    found: tuple[Markers, ...]
+    markers: tuple[Markers, ...]
     hypotheses: list[Hypothesis]
     is_complete: bool
     backgrounds: tuple[np.ndarray, ...] | None
@@ -164,7 +164,7 @@ def track_instants(
     state: TrackState | None = None,
     keep: Callable[[int, TrackState], TrackState] | None = None,
 ) -> Iterator[tuple[Frames, Tracked]]:
-    """Take the steps of a whole sequence: each instant with what was found in it.
+    """Take the steps of a whole sequence: each instant with its detections.
 
     Parameters
     ----------
@@ -334,16 +334,16 @@ def _searched(images: list[np.ndarray], state: TrackState, setup: Setup, work: W
         shown, backgrounds = _moving(images, backgrounds, setup)
     kept = SEARCH_LEAVES * p.most_work
     work.remaining -= kept
-    found, hypotheses = identified(shown, whole_images(rig), rig, handle, p, work)
+    markers, hypotheses = identified(shown, whole_images(rig), rig, handle, p, work)
     is_complete = not work.was_cut
     work.remaining += kept
     # before the handle was ever measured: later, this would be an image of it, too
     if backgrounds is None and not hypotheses and state.rig is None:
         most = most_markers(len(handle.marker_centres), p.markers)
-        if any(len(markers.uv) == most for markers in found):
+        if any(len(one.uv) == most for one in markers):
             background.prepare()
             backgrounds = tuple(image.astype(np.float32) for image in images)
-    return Searched(found, hypotheses, is_complete, backgrounds)
+    return Searched(markers, hypotheses, is_complete, backgrounds)
 
 
 def _moving(
@@ -435,8 +435,8 @@ def _begun(
         return lost, nowhere
     # a search that was cut short may have missed a rival, but none that as many cameras would show
     unambiguous &= is_complete or _enough_cameras(followed, rig)
-    found = before._replace(unambiguous=unambiguous, backgrounds=backgrounds)
-    state, tracked = _measured(followed, found, handle, p)
+    searched = before._replace(unambiguous=unambiguous, backgrounds=backgrounds)
+    state, tracked = _measured(followed, searched, handle, p)
     tracked = tracked._replace(windows=whole)
     if unambiguous or len(handle.symmetries) > 1:
         return state, tracked

@@ -57,12 +57,12 @@ class Refined(NamedTuple):
     ----------
     start_rig, start_handle
         The rig and the handle before.
-    found : Cleaned
+    cleaned : Cleaned
         The adjustment.
     prior : Prior
         The prior of the adjustment.
     frames : ndarray of int
-        The chosen frames, in the order of `found.reasons`.
+        The chosen frames, in the order of `cleaned.reasons`.
     still, length : int
         Numbers of instants at which the handle is still enough, and of all instants.
     before_px, after_px : float
@@ -75,7 +75,7 @@ class Refined(NamedTuple):
 
     start_rig: Rig
     start_handle: Handle
-    found: Cleaned
+    cleaned: Cleaned
     prior: Prior
     frames: np.ndarray
     still: int
@@ -312,20 +312,20 @@ def _followed(task: _Task) -> pd.DataFrame:
 
 
 def _as_refined(
-    task: _Task, found: Cleaned, frames: np.ndarray, counts: tuple[int, int], seen: Centres
+    task: _Task, cleaned: Cleaned, frames: np.ndarray, counts: tuple[int, int], seen: Centres
 ) -> Refined:
     rig = task.recording.rig
-    before = fit_poses(rig, task.handle, found.bundle.poses, found.seen)
+    before = fit_poses(rig, task.handle, cleaned.bundle.poses, cleaned.seen)
     return Refined(
         rig,
         task.handle,
-        found,
+        cleaned,
         task.prior,
         frames,
         *counts,
         _rms(before.residuals_px),
-        _rms(found.bundle.residuals_px),
-        _view_table(rig, found, frames, seen),
+        _rms(cleaned.bundle.residuals_px),
+        _view_table(rig, cleaned, frames, seen),
     )
 
 
@@ -333,13 +333,13 @@ def _rms(residuals: Array) -> float:
     return float(np.sqrt((residuals**2).sum(axis=1).mean()))
 
 
-def _view_table(rig: Rig, found: Cleaned, frames: np.ndarray, seen: Centres) -> pd.DataFrame:
+def _view_table(rig: Rig, cleaned: Cleaned, frames: np.ndarray, seen: Centres) -> pd.DataFrame:
     """The table `Refined.views`."""
-    shape = found.reasons.shape
+    shape = cleaned.reasons.shape
     count = np.zeros(shape, int)
     np.add.at(count, (seen.instant, seen.camera), 1)
-    used = found.seen._replace(instant=found.instants[found.seen.instant])
-    rms = view_rms(used, found.bundle, shape)
+    used = cleaned.seen._replace(instant=cleaned.instants[cleaned.seen.instant])
+    rms = view_rms(used, cleaned.bundle, shape)
     seen_or_not = np.where(count > 0, "left out", "nothing seen")
     status = np.where(np.isfinite(rms), "used", seen_or_not)
     rows = [
@@ -349,7 +349,7 @@ def _view_table(rig: Rig, found: Cleaned, frames: np.ndarray, seen: Centres) -> 
             "status": str(status[i, c]),
             "centres": int(count[i, c]),
             "rms_px": rms[i, c],
-            "reason": found.reasons[i, c],
+            "reason": cleaned.reasons[i, c],
         }
         for i, c in np.ndindex(shape)
     ]
@@ -358,7 +358,7 @@ def _view_table(rig: Rig, found: Cleaned, frames: np.ndarray, seen: Centres) -> 
 
 def _write(refined: Refined, partial: Path, out: Path) -> None:
     """Write the result, and give it its name when it is whole; then drop the kept work."""
-    bundle = refined.found.bundle
+    bundle = refined.cleaned.bundle
     result = partial / "result"
     result.mkdir(exist_ok=True)
     assert bundle.rig.covariance is not None

@@ -222,7 +222,7 @@ def join(deltas: dict[tuple[int, int], Delta], cameras: int) -> Offsets:
     If the pairs contradict each other by more than their standard deviations allow, these are
     enlarged.
     """
-    good = {pair: found for pair, found in deltas.items() if found.reason is None}
+    good = {pair: delta for pair, delta in deltas.items() if delta.reason is None}
     reached = {0}
     for _ in range(cameras):
         reached |= {camera for pair in good if reached & set(pair) for camera in pair}
@@ -230,9 +230,9 @@ def join(deltas: dict[tuple[int, int], Delta], cameras: int) -> Offsets:
     sigma = np.full(cameras, np.nan)
     offset[0] = sigma[0] = 0.0
     if unknown := sorted(reached - {0}):
-        used = [(pair, found) for pair, found in good.items() if set(pair) <= reached]
+        used = [(pair, delta) for pair, delta in good.items() if set(pair) <= reached]
         A = np.array([[float(c == a) - float(c == b) for c in unknown] for (a, b), _ in used])
-        y, s = np.array([[found.delta_s, found.sigma_s] for _, found in used]).T
+        y, s = np.array([[delta.delta_s, delta.sigma_s] for _, delta in used]).T
         covariance = np.linalg.inv((A / s[:, None] ** 2).T @ A)
         offset[unknown] = covariance @ (A.T @ (y / s**2))
         excess = (((y - A @ offset[unknown]) / s) ** 2).sum() / max(len(y) - len(unknown), 1)
@@ -245,7 +245,7 @@ def join(deltas: dict[tuple[int, int], Delta], cameras: int) -> Offsets:
 def _reason(camera: int, deltas: dict[tuple[int, int], Delta], reached: set[int]) -> str | None:
     if camera in reached:
         return None
-    reasons = [found.reason for pair, found in deltas.items() if camera in pair]
+    reasons = [delta.reason for pair, delta in deltas.items() if camera in pair]
     return next((reason for reason in (BEYOND, RESTING) if reason in reasons), UNSEEN)
 
 

@@ -235,7 +235,7 @@ def follow(
 def _identified(tracked: posetracker.Tracked, markers: int) -> Array:
     """The pixels (cameras, markers, 2) of the identified markers, also where a pose was refused."""
     labels = tracked.measurement.labels if tracked.labels is None else tracked.labels
-    pixels = tuple(found.uv for found in tracked.measurement.found)
+    pixels = tuple(markers.uv for markers in tracked.measurement.markers)
     return labelled_pixels(labels, pixels, markers)
 
 

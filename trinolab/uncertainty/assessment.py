@@ -202,16 +202,16 @@ def assessed(
     near : Rig
         The rig of that fit.
     """
-    found = assess(fit.linear, rig, handle, near, earlier)
+    assessment = assess(fit.linear, rig, handle, near, earlier)
     if (
-        _moved_px(fit.linear.response, near, found.displacement - _difference(near, rig))
+        _moved_px(fit.linear.response, near, assessment.displacement - _difference(near, rig))
         < SAME_RIG_PX
     ):
-        return fit, found, near
-    here = displaced(rig, found.displacement)
-    again = fit_at(here, found.T_world_handle)
+        return fit, assessment, near
+    here = displaced(rig, assessment.displacement)
+    again = fit_at(here, assessment.T_world_handle)
     if again is None:
-        return fit, found, near
+        return fit, assessment, near
     return again, assess(again.linear, rig, handle, here, earlier), here
 
 
@@ -269,17 +269,17 @@ def assess(
         [(seen.joint([one]), prior) for one, prior in unstated],
         [(name, seen.joint([one]), FAULTS[name]) for name, one in possible],
     )
-    found = _mixture(fit, seen, lines)
+    assessment = _mixture(fit, seen, lines)
     if known.is_exact:
-        return found
+        return assessment
     # what it says of the rig, as far as nothing is wrong with it
     layout = [one for one in stated if one.of_rig is None]
     whiten = _whitening(fit.noise, free, layout)
     inside = whiten @ slopes
     y = whiten @ (fit.residuals_px.ravel() + shifts)
-    share = found.weights[""] / found.scale
+    share = assessment.weights[""] / assessment.scale
     information = RigInformation(share * inside.T @ inside, share * inside.T @ y)
-    return found._replace(information=information)
+    return assessment._replace(information=information)
 
 
 @lru_cache(maxsize=4)  # a follower stays with its rig

@@ -248,13 +248,13 @@ class Seen:
         self.poses.append(measurement.pose.T_world_handle)
         self.cameras_used.append(measurement.pose.cameras)
         self.residuals_px.append(measurement.pose.residual_px)
-        pixels = tuple(markers.uv for markers in measurement.found)
+        pixels = tuple(markers.uv for markers in measurement.markers)
         # also those of a camera that contradicts the others: it may be late
         near = measurement.labels if tracked.labels is None else tracked.labels
         self.uv.append(labelled_pixels(near, pixels, len(self.handle.marker_centres)))
         self.took_part.append([int((np.asarray(one) >= 0).sum()) for one in measurement.labels])
         for c, (image, markers, labels) in enumerate(
-            zip(images, measurement.found, measurement.labels, strict=True)
+            zip(images, measurement.markers, measurement.labels, strict=True)
         ):
             camera = self.rig.cameras[c]
             facing = np.cos(slants(self.handle, T, camera.centre))

@@ -14,8 +14,8 @@ _MOST_VIEWS = 10  # that are printed; all of them are in the table
 
 def as_lines(refined: Refined) -> list[str]:
     """A refinement as lines of text."""
-    bundle = refined.found.bundle
-    used = len(refined.found.instants)
+    bundle = refined.cleaned.bundle
+    used = len(refined.cleaned.instants)
     lines = [
         f"instants       {used} adjusted of {len(refined.frames)} chosen; {refined.still} of "
         f"{refined.length} show the handle still enough",
@@ -48,7 +48,7 @@ def scale(refined: Refined) -> str:
 
 def _camera_lines(refined: Refined) -> list[str]:
     """A block of lines per camera: each parameter that could change."""
-    bundle = refined.found.bundle
+    bundle = refined.cleaned.bundle
     changes = difference(bundle.rig, refined.start_rig)
     sigmas = np.sqrt(np.diag(bundle.covariance))[: changes.size].reshape(changes.shape)
     lines = []

@@ -230,7 +230,7 @@ def _draw_markers(
     view: np.ndarray, tracked: Tracked, c: int, frame: _Frame, numbers: float | None
 ) -> None:
     """The markers with their numbers, into a picture."""
-    markers = tracked.measurement.found[c]
+    markers = tracked.measurement.markers[c]
     known = np.isfinite(markers.uv).all(axis=1)
     middle = markers.uv[known].mean(axis=0) if known.any() else np.zeros(2)
     for uv, label in zip(markers.uv[known], tracked.measurement.labels[c][known], strict=True):

@@ -7,9 +7,12 @@ from __future__ import annotations
 
 import json
 import shutil
-from functools import cache
+import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache, wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 from urllib.parse import urlsplit
 
 from playwright.sync_api import ConsoleMessage, Playwright, Request, sync_playwright
@@ -36,6 +39,24 @@ document.head.insertAdjacentHTML('beforeend',
 """
 
 
+P, T = ParamSpec("P"), TypeVar("T")
+# Playwright's event loop runs in the thread that starts it, which can then have no other one.
+THREAD_NAME = "browser"
+_thread = ThreadPoolExecutor(1, THREAD_NAME)
+
+
+def _in_thread(method: Callable[P, T]) -> Callable[P, T]:
+    """A method that is called in Playwright's thread."""
+
+    @wraps(method)
+    def called(*args: P.args, **kwargs: P.kwargs) -> T:
+        if threading.current_thread().name.startswith(THREAD_NAME):
+            return method(*args, **kwargs)
+        return _thread.submit(method, *args, **kwargs).result()
+
+    return called
+
+
 @cache
 def _playwright() -> Playwright:
     """The driver, of which a process has one."""
@@ -45,6 +66,7 @@ def _playwright() -> Playwright:
 class Browser:
     """Chromium with a profile in a folder, and the page that is open in it."""
 
+    @_in_thread
     def __init__(self, folder: Path) -> None:
         self._context = _playwright().chromium.launch_persistent_context(
             folder, executable_path=CHROMIUM, args=FLAGS, chromium_sandbox=False
@@ -52,6 +74,7 @@ class Browser:
         self._context.set_default_timeout(HANGS_MS)
         self._use(self._context.pages[0])
 
+    @_in_thread
     def open(
         self, address: str, width: int = 1280, height: int = 900, before: str | None = None
     ) -> None:
@@ -65,7 +88,7 @@ class Browser:
         before : str, optional
             A script that is run in the page, and in each of its frames, before their own.
         """
-        last, page = self.page, self._context.new_page()
+        last, page = self._page, self._context.new_page()
         last.close()
         self._use(page)
         self.resize(width, height)
@@ -76,55 +99,65 @@ class Browser:
 
     def _use(self, page: Any) -> None:
         """Take a tab; `errors` holds its errors of the console and of requests."""
-        self.page = page
+        self._page = page
         self.errors: list[str] = []
         self._devtools = self._context.new_cdp_session(page)
         page.on("pageerror", lambda error: self._fail(str(error)))
         page.on("console", self._note)
         page.on("requestfailed", self._note_failed)
 
+    @_in_thread
     def navigate(self, address: str) -> None:
         """Begin to load an address in the tab that is open."""
-        self.page.goto(address, wait_until="commit")
+        self._page.goto(address, wait_until="commit")
 
+    @_in_thread
     def arrives(self, end: str) -> None:
         """Wait until the tab is at an address that ends so: one page may lead to the next by itself."""
-        self.page.wait_for_url(lambda address: urlsplit(address).path.endswith(end))
+        self._page.wait_for_url(lambda address: urlsplit(address).path.endswith(end))
 
+    @_in_thread
     def resize(self, width: int, height: int = 900) -> None:
         """Give the window another size, px."""
-        self.page.set_viewport_size({"width": width, "height": height})
+        self._page.set_viewport_size({"width": width, "height": height})
 
+    @_in_thread
     def picture(self) -> bytes:
         """The window as a PNG file."""
-        return bytes(self.page.screenshot())
+        return bytes(self._page.screenshot())
 
+    @_in_thread
     def scheme(self, name: str) -> None:
         """Ask pages for their ``light`` or ``dark`` colours."""
-        self.page.emulate_media(color_scheme=name)
+        self._page.emulate_media(color_scheme=name)
 
+    @_in_thread
     def press(self, key: str, up: bool = True) -> None:
         """Press a key, by its name in JavaScript, and let it go again, or not."""
-        self.page.keyboard.down(key)
+        self._page.keyboard.down(key)
         if up:
             self.let_go(key)
 
+    @_in_thread
     def let_go(self, key: str) -> None:
         """Let a key go."""
-        self.page.keyboard.up(key)
+        self._page.keyboard.up(key)
 
+    @_in_thread
     def click(self, selector: str) -> None:
         """Click the middle of an element with the mouse, wherever on the page it is."""
-        self.page.mouse.click(*self.middle(selector))
+        self._page.mouse.click(*self.middle(selector))
 
+    @_in_thread
     def drag(self, selector: str, right: float, down: float) -> None:
         """Drag from the middle of an element by so many pixels, in ten steps."""
         u, v = self.middle(selector)
-        self.page.mouse.move(u, v)
-        self.page.mouse.down()
-        self.page.mouse.move(u + right, v + down, steps=10)
-        self.page.mouse.up()
+        self._page.mouse.move(u, v)
+        self._page.mouse.down()
+        self._page.mouse.move(u + right, v + down, steps=10)
+        self._page.mouse.up()
 
+    @_in_thread
     def touch(self, kind: str, *place: float, time_s: float | None = None) -> None:
         """Send a finger's ``touchStart``, ``touchMove`` or ``touchEnd``, at a place of the window, at a
         time in s since 1970, or now.
@@ -133,6 +166,7 @@ class Browser:
         when = {} if time_s is None else {"timestamp": time_s}
         self._ask("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points, **when})
 
+    @_in_thread
     def middle(self, selector: str) -> tuple[float, float]:
         """The middle of an element, which is brought into the window."""
         place = self.evaluate(
@@ -143,6 +177,7 @@ class Browser:
         )
         return float(place[0]), float(place[1])
 
+    @_in_thread
     def evaluate(self, expression: str) -> Any:
         """The value of an expression of JavaScript in the page's scope; a promise is waited for."""
         answer = self._ask(
@@ -153,6 +188,7 @@ class Browser:
             raise RuntimeError(json.dumps(answer["exceptionDetails"])[:500])
         return answer["result"].get("value")
 
+    @_in_thread
     def picture_of(self, element: str) -> str:
         """A picture of an element, an expression of JavaScript: a PNG in base64, twice as fine as the
         window.
@@ -165,6 +201,12 @@ class Browser:
         )
         return str(self._ask("Page.captureScreenshot", {"format": "png", "clip": clip})["data"])
 
+    @_in_thread
+    def pdf(self, **settings: Any) -> bytes:
+        """The page as a PDF file, with the settings of Playwright's `Page.pdf`."""
+        return self._page.pdf(**settings)
+
+    @_in_thread
     def close(self) -> None:
         """End Chromium."""
         self._context.close()

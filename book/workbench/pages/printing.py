@@ -141,7 +141,7 @@ def _print_page(browser: Browser, html: Path, name: str) -> Printed:
     shots = [browser.picture_of(f"{FRAMES}[{k}]") for k in frames]
     count = browser.evaluate(f"({PREPARE})({shots})")
     title = browser.evaluate(TITLE)
-    pdf = browser.page.pdf(
+    pdf = browser.pdf(
         format="A4",
         margin=dict.fromkeys(("top", "bottom", "left", "right"), f"{MARGIN_INCHES}in"),
         print_background=True,

@@ -170,7 +170,7 @@ def random_pose(k: int, seed: int) -> Draw:
     distance = np.concatenate(
         [
             nearest(markers.uv, facing_pixels(handle, camera, truth, 65.0))[1]
-            for camera, markers in zip(rig.cameras, m.found, strict=True)
+            for camera, markers in zip(rig.cameras, m.markers, strict=True)
         ]
     )
     distance = distance[distance < SAME_PX]
@@ -406,7 +406,9 @@ def labelled(images: list[np.ndarray], rig: Rig, handle: Handle) -> Array:
     that are not found, or too steep.
     """
     m = measure(images, rig, handle, parameters=EVERY["paper"])
-    uv = labelled_pixels(m.labels, tuple(found.uv for found in m.found), len(handle.marker_centres))
+    uv = labelled_pixels(
+        m.labels, tuple(markers.uv for markers in m.markers), len(handle.marker_centres)
+    )
     T = m.pose.T_world_handle
     if T is not None:
         steepest = Parameters().max_slant_deg
@@ -496,7 +498,7 @@ def rendered_mean(k: int, seed: int) -> Draw:
     images = render_rig(rig, handle, truth, Bench(), rng)
     m = measure(images, rig, handle, truth, EVERY["paper"])
     markers = len(handle.marker_centres)
-    uv = labelled_pixels(m.labels, tuple(found.uv for found in m.found), markers)
+    uv = labelled_pixels(m.labels, tuple(markers.uv for markers in m.markers), markers)
     draw: Draw = {}
     for end, parameters in _by_slant(EVERY["paper"]).items():
         steepest = parameters.max_slant_deg
@@ -702,9 +704,9 @@ def _matched(
     """
     left, right = (
         true_labels(camera, handle, truth, markers.uv)
-        for camera, markers in zip(rig.cameras, m.found, strict=True)
+        for camera, markers in zip(rig.cameras, m.markers, strict=True)
     )
-    uv = [markers.uv for markers in m.found]
+    uv = [markers.uv for markers in m.markers]
     pairs = match(
         rig.cameras[0], rig.cameras[1], images[0], images[1], uv[0], uv[1], parameters
     ).index

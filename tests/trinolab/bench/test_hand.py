@@ -1,7 +1,12 @@
 """The hand and forearm: closed-form capsules against marching along the ray, and what they hide."""
 
+import tomllib
+from pathlib import Path
+
 import numpy as np
 import pytest
+from cases import cases
+from marching import body_distance, marched
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.hand import (
@@ -17,8 +22,8 @@ from trinolab.bench.hand import (
 from trinolab.bench.motion import random_pose, smooth_motion
 from trinolab.bench.optics import Bench, background
 from trinolab.bench.scene import radiance
-from trinolab.camera import Camera
 from trinolab.datasets import load_handle, paper_rig
+from trinolab.handle import on_cylinder
 
 PAPER = load_handle("paper")
 RIG = paper_rig(40.0)
@@ -53,56 +58,29 @@ def capsule_distances(solids, points):
     return np.array(found)
 
 
-def body_distance(handle, points):
-    """Distance of points of the handle's frame to the body."""
-    x, y, z = points.T
-    middle, half = handle.top_mm - handle.length_mm / 2, handle.length_mm / 2
-    outside = np.stack([np.hypot(x, z) - handle.radius_mm, np.abs(y - middle) - half])
-    return np.hypot(*np.maximum(outside, 0)) + np.minimum(outside.max(axis=0), 0)
-
-
-def marched(distance, directions):
-    """Depth along rays from the origin, of unit length, (n, 3), where `distance(points)` becomes 0;
-    infinity: never.
-    """
-    depth = np.zeros(len(directions))
-    for _ in range(400):
-        gap = distance(depth[:, None] * directions)
-        depth = np.minimum(depth + gap, 5000)
-    return np.where(gap < 1e-3, depth, np.inf)  # mm; it creeps where a ray grazes
+def to_capsules(solids, origin):
+    """The distance to the nearest capsule of points seen from an origin."""
+    return lambda points: capsule_distances(solids, origin + points).min(axis=0)
 
 
 def seen(camera, T, arm, uv):
     """What the rays through pixels see, 'none', 'skin' or 'body', by marching against all solids at
     once.
     """
-    solids, T_handle_cam = capsules(arm, PAPER, T), (camera.T_cam_world * T).inv()
-    rays = camera.rays(uv)
-
-    def to_skin(points):
-        return capsule_distances(solids, camera.centre + points).min(axis=0)
+    T_handle_cam = (camera.T_cam_world * T).inv()
+    rays, to_skin = camera.rays(uv), to_capsules(capsules(arm, PAPER, T), camera.centre)
 
     def to_body(points):
-        return body_distance(
-            PAPER, T_handle_cam.apply(camera.T_cam_world.apply(camera.centre + points))
-        )
+        local = camera.T_cam_world.apply(camera.centre + points)
+        return body_distance(PAPER, T_handle_cam.apply(local))
 
     depth = marched(lambda points: np.minimum(to_skin(points), to_body(points)), rays)
     points = np.minimum(depth, 5000)[:, None] * rays
-    return np.where(
-        np.isinf(depth), "none", np.where(to_skin(points) < to_body(points), "skin", "body")
-    )
-
-
-def cropped(camera, centre_uv, size, factor):
-    """A camera of few large pixels around a place of the image."""
-    matrix = np.diag([factor, factor, 1]) @ camera.matrix
-    matrix[:2, 2] = factor * (camera.principal_point - centre_uv) + np.array(size) / 2
-    return Camera(camera.name, size, matrix, camera.distortions, camera.T_cam_world)
+    nearer = np.where(to_skin(points) < to_body(points), "skin", "body")
+    return np.where(np.isinf(depth), "none", nearer)
 
 
 # --- capsules
-# -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -112,12 +90,7 @@ def test_rays_meet_capsules_where_marching_does():
     solids = Capsules(starts, starts + rng.uniform(-90, 90, (6, 3)), rng.uniform(5, 25, 6))
     rays = np.column_stack([rng.uniform(-0.3, 0.3, (3000, 2)), np.ones(3000)])
     length = np.linalg.norm(rays, axis=1)
-    expected = (
-        marched(
-            lambda points: capsule_distances(solids, points).min(axis=0), rays / length[:, None]
-        )
-        / length
-    )
+    expected = marched(to_capsules(solids, np.zeros(3)), rays / length[:, None]) / length
     hits = cast_capsules(solids, rays.T)
     both = np.isfinite(hits.depths) & np.isfinite(expected)
     assert (np.isfinite(hits.depths) != np.isfinite(expected)).sum() <= 2  # rays that graze
@@ -167,21 +140,16 @@ def test_the_region_holds_all_that_meets_the_arm():
 
 
 # --- images
-# ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "turn_deg",
-    [0, pytest.param(180, marks=pytest.mark.heavy)],
-    ids=["fingers in front", "fingers behind"],
-)
+@pytest.mark.parametrize("turn_deg", [0, 180], ids=["fingers in front", "fingers behind"])
 def test_what_is_nearer_hides_what_is_behind(turn_deg):
     """Pixels in the hand, at random: marching against all solids at once says which is first."""
     T, arm = upright(turn_deg=turn_deg), plain()
     image = radiance(CCD1, PAPER, T, FLAT, arm)
     centre = CCD1.project(T.apply([[0.0, -50, 0]]))[0]
-    uv = np.round(centre + np.random.default_rng(4).uniform(-140, 140, (500, 2)))
+    uv = np.round(centre + np.random.default_rng(4).uniform(-140, 140, (300, 2)))
     corners = [
         seen(CCD1, T, arm, uv + shift)
         for shift in ((0.5, 0.5), (-0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (0, 0))
@@ -191,28 +159,6 @@ def test_what_is_nearer_hides_what_is_behind(turn_deg):
     u, v = uv[whole].astype(int).T
     np.testing.assert_allclose(image[v, u], expected[whole], atol=1e-9)
     assert all((expected[whole] == grey).sum() >= 5 for grey in (0.0, 90.0, SKIN))
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("turn_deg", [130, 0])
-def test_edges_of_the_hand_are_means_over_the_pixel(turn_deg):
-    """A few large pixels, all of them marched with 4 x 4 samples."""
-    T, arm = upright(turn_deg=turn_deg), plain()
-    camera = cropped(CCD1, CCD1.project(T.apply([[0.0, -55, 0]]))[0], (32, 26), 1 / 10)
-    v, u = np.mgrid[:26, :32].reshape(2, -1)
-    steps = (np.arange(4) + 0.5) / 4 - 0.5
-    offsets = np.column_stack([np.tile(steps, 4), np.repeat(steps, 4)])
-    what = seen(camera, T, arm, (np.column_stack([u, v])[:, None] + offsets).reshape(-1, 2))
-    expected = (
-        np.select([what == "skin", what == "body"], [SKIN, 90.0], 0.0)
-        .reshape(26, 32, 16)
-        .mean(axis=2)
-    )
-    image = radiance(camera, PAPER, T, FLAT, arm)
-    mixed = (expected % 30 != 0).sum()
-    assert mixed > 60
-    # of 832; marching creeps in a crease and where a ray grazes
-    assert (np.abs(image - expected) > 1e-6).sum() <= 5
 
 
 def test_the_arm_leaves_all_else_as_it_was():
@@ -228,36 +174,30 @@ def test_skin_is_lit_like_any_surface():
     """A fingertip that faces the light has the skin's grey, what turns away from it has 1 - shading
     of that.
     """
-    bench = Bench(light=(0, 0, -1), shading=0.4, texture_contrast=0, background_grey=0)
-    skin = radiance(CCD1, PAPER, upright(), bench, plain())
-    skin = skin[
-        (skin != 0) & capsule_region(CCD1, in_camera(CCD1, capsules(plain(), PAPER, upright())))
-    ]
-    assert skin.max() == pytest.approx(SKIN, abs=0.1)
-    dimmed = radiance(
-        CCD1, PAPER, upright(), Bench(light=(0, 0, 1), shading=0.4, background_grey=0), plain()
+    lit, dimmed = (
+        radiance(
+            CCD1, PAPER, upright(), Bench(light=(0, 0, z), shading=0.4, background_grey=0), plain()
+        )
+        for z in (-1, 1)
     )
+    hand = capsule_region(CCD1, in_camera(CCD1, capsules(plain(), PAPER, upright())))
+    assert lit[hand].max() == pytest.approx(SKIN, abs=0.1)
     assert dimmed[1000, 628] == pytest.approx(0.6 * SKIN)
 
 
 def test_the_texture_is_slight_and_moves_with_the_hand():
-    points = np.random.default_rng(5).uniform(-100, 100, (2000, 3))
-    grey = skin_grey(Arm(), points)
+    grey = skin_grey(Arm(), np.random.default_rng(5).uniform(-100, 100, (2000, 3)))
     assert np.abs(grey / 110 - 1).max() <= 0.08
     assert grey.std() > 0.02 * 110
     assert grey.mean() == pytest.approx(110, abs=1)
-    near, far = upright(), upright((20.0, -30, 600))
-    moved = [
-        radiance(CCD1, PAPER, T, Bench(shading=0), Arm())[
-            tuple(CCD1.project(T.apply([[0, -60, 24.0]]))[0].round().astype(int)[::-1])
-        ]
-        for T in (near, far)
-    ]
+    moved = []
+    for T in (upright(), upright((20.0, -30, 600))):
+        u, v = CCD1.project(T.apply([[0, -60, 24.0]]))[0].round().astype(int)
+        moved.append(radiance(CCD1, PAPER, T, Bench(shading=0), Arm())[v, u])
     assert moved[0] == pytest.approx(moved[1], abs=2)  # grey levels; a pixel is 0.2 mm
 
 
 # --- the hand and what it hides
-# -------------------------------------------------------------------------------------
 
 
 def test_the_hand_holds_the_body_where_it_should():
@@ -282,7 +222,7 @@ def test_the_hand_holds_the_body_where_it_should():
 
 
 def test_the_forearm_leaves_towards_the_operator_and_from_the_free_end():
-    for seed in range(50):
+    for seed in range(12):
         T = random_pose(np.random.default_rng(seed))
         solids = capsules(Arm(), PAPER, T)
         leaving = solids.ends[-1] - solids.starts[-1]
@@ -294,19 +234,16 @@ def test_the_forearm_leaves_towards_the_operator_and_from_the_free_end():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["paper", pytest.param("coded", marks=pytest.mark.heavy)])
-def test_no_marker_is_covered_by_default(name):
-    handle = load_handle(name)
+def test_no_marker_is_covered_by_default():
     rng = np.random.default_rng(8)
-    poses = [*smooth_motion(rng, 12, 1), *(random_pose(rng) for _ in range(12))]
-    for T in poses:
+    for T in [*smooth_motion(rng, 6, 1), *(random_pose(rng) for _ in range(6))]:
         for camera in RIG.cameras:
-            free, held = (true_visibility(camera, handle, T, arm) for arm in (None, Arm()))
+            free, held = (true_visibility(camera, PAPER, T, arm) for arm in (None, Arm()))
             assert (free == held).all()
 
 
 def test_a_second_hand_hides_the_markers_from_one_camera():
-    for T in smooth_motion(np.random.default_rng(9), 10, 1):
+    for T in smooth_motion(np.random.default_rng(9), 5, 1):
         for hidden in (CCD1, CCD2):
             arm = Arm(hides_from=tuple(hidden.centre))
             assert not true_visibility(hidden, PAPER, T, arm).any()
@@ -317,16 +254,6 @@ def test_a_second_hand_hides_the_markers_from_one_camera():
 
 
 @pytest.mark.slow
-def test_a_hidden_marker_is_not_in_the_image():
-    T, bench = upright(), Bench(shading=0)
-    markers = [
-        (radiance(camera, PAPER, T, bench, Arm(hides_from=tuple(CCD1.centre))) == 220).any()
-        for camera in (CCD1, CCD2)
-    ]
-    assert markers == [False, True]
-
-
-@pytest.mark.slow
 def test_true_visibility_counts_the_share_that_an_arm_hides():
     """A grip that slides over the lower row: the share that is shown, by marching rays to random
     points of a marker.
@@ -334,65 +261,42 @@ def test_true_visibility_counts_the_share_that_an_arm_hides():
     rng = np.random.default_rng(10)
     radius, phi = 1.5 * np.sqrt(rng.uniform(size=300)), rng.uniform(0, 2 * np.pi, 300)
     T, decided = upright(turn_deg=180), []
-    for top in (-11.0, -10.4, -9.5, -8.5):
+    for top in (-11.0, -9.5, -8.5):
         arm = Arm(grip_mm=(top - 70, top))
+        solids = capsules(arm, PAPER, T)
         truly = true_visibility(CCD1, PAPER, T, arm)
         assert truly[::2].sum() == 3  # the upper row
         for k in 1 + 2 * np.flatnonzero(true_visibility(CCD1, PAPER, T)[1::2]):
             theta = PAPER.marker_angles[k] + radius * np.cos(phi) / PAPER.radius_mm
-            points = np.column_stack(
-                [
-                    5 * np.sin(theta),
-                    PAPER.marker_centres[k, 1] + radius * np.sin(phi),
-                    5 * np.cos(theta),
-                ]
-            )
+            points = on_cylinder(5.0, theta, PAPER.marker_centres[k, 1] + radius * np.sin(phi))
             world = T.apply(points) - CCD1.centre
             length = np.linalg.norm(world, axis=1)
-            solids = capsules(arm, PAPER, T)
-            depth = marched(
-                lambda p, s=solids: capsule_distances(s, CCD1.centre + p).min(axis=0),
-                world / length[:, None],
-            )
+            depth = marched(to_capsules(solids, CCD1.centre), world / length[:, None])
             share = (depth > length - 1e-3).mean()
             assert abs(share - 0.8) > 0.01
             assert truly[k] == (share > 0.8)
             decided.append(truly[k])
-    assert 3 <= sum(decided) <= len(decided) - 6
+    assert 3 <= sum(decided) <= len(decided) - 3
 
 
 # --- bad input
-# ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        ("grip_mm", (-40, -40)),
-        ("grip_mm", (1, 2, 3)),
-        ("palm_deg", "up"),
-        ("forearm", (0, 0, 0)),
-        ("grey", 0),
-        ("grey", 256),
-        ("texture_contrast", 1.5),
-        ("forearm_length_mm", -1),
-        ("forearm_radius_mm", np.nan),
-        ("hides_from", (1, 2)),
-    ],
-)
-def test_a_bad_arm_names_its_field(field, value):
-    with pytest.raises(ValueError, match=f"^{field}: expected"):
-        Arm(**{field: value})
+@pytest.mark.parametrize(("row", "said"), cases(Path(__file__).with_name("wrong.txt"), "Arm"))
+def test_a_bad_arm_names_its_field(row, said):
+    with pytest.raises(ValueError, match=f"^{row.split()[0]}: {said}"):
+        Arm(**tomllib.loads(row))
 
 
 def test_a_grip_may_be_given_either_way_round():
     assert Arm(grip_mm=(-40, -110)).grip_mm == Arm().grip_mm
 
 
-def test_bad_poses_are_named():
+def test_a_pose_that_leaves_no_direction_is_named():
+    at, along = (0, 0, 570), (0, 0, 1)
     with pytest.raises(ValueError, match="T_world_handle: expected one"):
-        capsules(Arm(), PAPER, RigidTransform.from_translation(np.zeros((2, 3))))
+        capsules(Arm(), PAPER, RigidTransform.identity(2))
     with pytest.raises(ValueError, match="hides_from, seen from the handle: expected a direction"):
-        capsules(Arm(hides_from=(0, 0, 570)), PAPER, upright())
+        capsules(Arm(hides_from=at), PAPER, upright(at))
     with pytest.raises(ValueError, match="forearm, across the line of sight: expected a direction"):
-        capsules(Arm(hides_from=(0, 0, 0), forearm=(0, 0, 1)), PAPER, upright())
+        capsules(Arm(hides_from=(0, 0, 0), forearm=along), PAPER, upright(at))

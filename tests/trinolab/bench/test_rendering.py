@@ -2,8 +2,6 @@
 
 import json
 import multiprocessing
-import os
-import signal
 from dataclasses import replace
 
 import cv2
@@ -11,7 +9,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from healthy import run
-from processes import CLI, GATE, ended, open_gate, started, wait_until
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.bench import rendering, scenario
@@ -19,38 +16,15 @@ from trinolab.bench.hand import true_visibility
 from trinolab.bench.rendering import made_from, render, scripted, write_recording
 from trinolab.bench.scenario import COVERED, seen_markers, take
 from trinolab.bench.scene import scaled
-from trinolab.datasets import load_handle, load_real_sets, load_rig, real_set
-from trinolab.files.fetch import why_not
+from trinolab.datasets import load_handle, load_rig
 from trinolab.files.poses import read_poses, transforms, truth_table, write_poses
 from trinolab.files.recording import instants, open_folder, read_timestamps
 from trinolab.files.rigs import write_handle, write_rig
-from workbench.studies.real_recordings import at_times, before_the_cameras, load_trajectories
 
 CODED = load_handle("coded")
 SMALL = replace(
     load_rig("raised_40deg"),
     cameras=tuple(scaled(camera, 0.125) for camera in load_rig("raised_40deg").cameras),
-)
-# Renders six instants, then waits for the gate before each image; an interruption, which waits for
-# what is being rendered, opens it.
-WAITS = (
-    f"""
-import time
-from pathlib import Path
-from trinolab.bench import rendering
-real = rendering.take
-def take(job, frame, camera):
-    while frame >= 6 and not Path({GATE!r}).exists():
-        time.sleep(0.01)
-    return real(job, frame, camera)
-rendering.take = take
-real_shutdown = rendering.ProcessPoolExecutor.shutdown
-def shutdown(*pool, **options):
-    Path({GATE!r}).touch()
-    real_shutdown(*pool, **options)
-rendering.ProcessPoolExecutor.shutdown = shutdown
-"""
-    + CLI
 )
 RENDER = "render --rig rig.toml --handle handle.toml --motion hard --seed 3 --out out --seconds 0.2"
 
@@ -71,13 +45,12 @@ def contents(root):
     }
 
 
+def grey(name):
+    return cv2.imread(name, cv2.IMREAD_GRAYSCALE).astype(float)
+
+
 def rendered(out, motion="hard", seconds=0.2, **options):
     return render("rig.toml", "handle.toml", motion, out, 3, seconds, progress=False, **options)
-
-
-def poses_file(name, rows, head="frame,x_mm,y_mm,z_mm,qw,qx,qy,qz,status\n"):
-    with open(name, "w", encoding="utf-8") as file:
-        file.write(head + "".join(f"{row}\n" for row in rows))
 
 
 # --- what is in the folder
@@ -97,17 +70,10 @@ def test_the_folder_is_a_recording_with_its_truth(folder, capfd):
     # mm; nine digits
     np.testing.assert_allclose(transforms(truth).as_matrix(), expected.as_matrix(), atol=1e-6)
     for name in SMALL.names:
-        assert cv2.imread(f"out/background/{name}.png", cv2.IMREAD_GRAYSCALE).shape == (128, 160)
-    assert sorted(path.name for path in (folder / "out").iterdir()) == [
-        "background",
-        "handle.toml",
-        "images",
-        "made_from.json",
-        "rig.toml",
-        "timestamps.csv",
-        "truth.csv",
-        "truth_markers.csv",
-    ]
+        assert grey(f"out/background/{name}.png").shape == (128, 160)
+    listed = "background handle.toml images made_from.json rig.toml timestamps.csv truth.csv"
+    names = sorted(path.name for path in (folder / "out").iterdir())
+    assert names == [*listed.split(), "truth_markers.csv"]
     assert not (folder / "out.partial").exists()
 
 
@@ -138,14 +104,12 @@ def test_the_empty_second_of_calm_is_empty_and_then_there_is_a_handle(folder):
     assert truth["status"].tolist() == ["lost"] * 4 + ["measured"] * 2
     assert (truth["markers"] > 0).tolist() == [False] * 4 + [True] * 2
     for name in SMALL.names:
-        empty = cv2.imread(f"out/background/{name}.png", cv2.IMREAD_GRAYSCALE).astype(float)
-        images = [
-            cv2.imread(f"out/images/{name}/{k:06d}.png", cv2.IMREAD_GRAYSCALE) - empty
-            for k in range(6)
-        ]
+        empty = grey(f"out/background/{name}.png")
+        images = [grey(f"out/images/{name}/{k:06d}.png") - empty for k in range(6)]
         # noise is below 10
         brightest = np.array([cv2.blur(np.abs(image), (5, 5)).max() for image in images])
         assert brightest[:4].max() < 10 < 20 < brightest[4:].min()
+        assert np.abs(images[0]).max() > 3  # another noise
 
 
 def test_the_light_step_and_the_covered_camera_show(folder):
@@ -191,74 +155,17 @@ def interrupt_after(monkeypatch, count):
     return calls
 
 
-@pytest.mark.heavy
 def test_interrupted_and_run_again_it_goes_on_to_identical_files(folder, monkeypatch, capfd):
     rendered("whole")
     interrupt_after(monkeypatch, 8)
     assert run(RENDER) == 130
-    assert (
-        capfd.readouterr().err
-        == "trinolab render: interrupted, run it again in the same way to go on\n"
-    )
+    said = "trinolab render: interrupted, run it again in the same way to go on\n"
+    assert capfd.readouterr().err == said
     assert not (folder / "out").exists()
     calls = interrupt_after(monkeypatch, 100)
     assert run(RENDER) == 0
     assert len(calls) == 3 * 4  # two of six instants were there
     assert contents(folder / "out") == contents(folder / "whole")
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize(
-    ("number", "code"), [(signal.SIGKILL, -signal.SIGKILL), (signal.SIGINT, 130)]
-)
-def test_stopped_from_outside_and_run_again_it_goes_on_to_identical_files(folder, number, code):
-    line = RENDER.replace("0.2", "0.4")  # twelve instants: enough for two processes
-    with started(line, WAITS, start_new_session=True) as process:
-        wait_until(
-            lambda: len(list(folder.glob("out.partial/images/ccd3/[0-9]*.png"))) == 6, process
-        )
-        if number == signal.SIGKILL:
-            process.send_signal(number)
-        else:
-            os.killpg(process.pid, number)  # as a terminal does: the workers are sent it, too
-        said = process.stderr.read()
-    assert process.returncode == code
-    assert said.count("\n") == (code == 130)
-    wait_until(lambda: is_gone(process.pid))  # its workers end with their parent
-    assert (folder / "out.partial").is_dir()
-    assert run(line) == 0
-    rendered("whole", seconds=0.4)
-    assert contents(folder / "out") == contents(folder / "whole")
-
-
-@pytest.mark.heavy
-def test_the_second_of_two_renderings_is_refused_and_the_first_one_is_whole(folder):
-    line = RENDER.replace("0.2", "0.4")
-    with started(line, WAITS) as first:
-        wait_until(lambda: len(list(folder.glob("out.partial/images/ccd3/[0-9]*.png"))) == 6, first)
-        before = contents(folder)
-        with started(line) as second:
-            refused = ended(second)
-        after = contents(folder)
-        open_gate()
-        assert ended(first) == (0, [])
-    assert refused == (
-        2,
-        [f"trinolab render: {folder / 'out.partial'}: another process works on it\n"],
-    )
-    assert after == before
-    rendered("whole", seconds=0.4)
-    assert contents(folder / "out") == contents(folder / "whole")
-    assert not (folder / "out.partial").exists()
-
-
-def is_gone(group):
-    """Whether no process of a group is left."""
-    try:
-        os.killpg(group, 0)
-    except ProcessLookupError:
-        return True
-    return False
 
 
 @pytest.mark.skipif(
@@ -311,9 +218,9 @@ def test_the_manifest_knows_the_code(folder, monkeypatch):
 
 
 def test_a_hand_follows_the_poses_of_a_file(folder):
-    poses_file(
-        "path.csv",
-        ["0,,,,,,,,lost", "1,5,10,560,1,0,0,0,measured", "2,10,10,560,1,0,0,0,predicted"],
+    (folder / "path.csv").write_text(
+        "frame,x_mm,y_mm,z_mm,qw,qx,qy,qz,status\n"
+        "0,,,,,,,,lost\n1,5,10,560,1,0,0,0,measured\n2,10,10,560,1,0,0,0,predicted\n"
     )
     truth = rendered("out", "path.csv", None, fps=20)
     assert truth["status"].tolist() == ["lost", "measured", "measured"]
@@ -331,30 +238,4 @@ def test_a_files_own_times_are_kept(folder):
     assert len(rendered("short", "path.csv", 0.6)) == 2
 
 
-@pytest.mark.skipif(
-    real_set("trajectories") is None,
-    reason=f"no trajectories: {why_not(load_real_sets()['trajectories'])}",
-)
-def test_a_real_trajectory_can_be_followed(folder):
-    every = np.arange(4, 28, 4.0)
-    path = at_times(before_the_cameras(load_trajectories()), every)
-    write_poses(truth_table(path).assign(t_s=every), "path.csv")
-    truth = rendered("out", "path.csv", None)
-    # mm; nine digits
-    np.testing.assert_allclose(transforms(truth).as_matrix(), path.as_matrix(), atol=1e-5)
-    assert 0 < (truth["markers"] > 0).sum() < len(truth)  # it goes further than the images
-
-
-# --- what is wrong: test_faults
-
-
-def test_a_full_disk_costs_one_line(folder, monkeypatch, capfd):
-    def full(*_):
-        raise ValueError(
-            "out.partial/images/ccd1/000000.png: cannot be written (No space left on device)"
-        )
-
-    monkeypatch.setattr(rendering, "add", full)
-    assert run(RENDER) == 2
-    assert capfd.readouterr().err.count("\n") == 1
-    assert not (folder / "out").exists()
+# --- what is wrong: test_faults; a full disk: test_stopped

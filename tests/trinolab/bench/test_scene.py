@@ -3,10 +3,14 @@ ray caster's.
 """
 
 import inspect
+import tomllib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+from cases import cases
+from marching import body_distance, marched
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.hand import Arm, true_visibility
@@ -19,12 +23,11 @@ from trinolab.bench.rays import (
     body_region,
     cast,
     cast_rays,
-    edge_pixels,
     facing,
     marker_outline,
     sample_offsets,
 )
-from trinolab.bench.scene import radiance, render, render_clip, render_rig, scaled
+from trinolab.bench.scene import radiance, render, render_clip, scaled
 from trinolab.camera import Camera, Rig
 from trinolab.handle import Handle, on_cylinder, slants
 
@@ -48,20 +51,26 @@ def pose(position, rotation):
     return RigidTransform.from_components(position, rotation)
 
 
+def turned(axis, angle_deg, z=540.0):
+    return pose([0, 0, z], Rotation.from_euler(axis, angle_deg, degrees=True))
+
+
+FRONTAL = turned("y", 180)  # the markers of column 0 face the camera
+
+
 def centroid(weights):
     v, u = np.mgrid[: weights.shape[0], : weights.shape[1]]
     return np.array([(weights * u).sum(), (weights * v).sum()]) / weights.sum()
 
 
 # --- geometry
-# -------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("camera", [PLAIN, BENT], ids=["plain", "distorted"])
 def test_the_ray_through_a_projected_marker_centre_meets_that_centre(camera):
     rng = np.random.default_rng(1)
     tried = 0
-    for _ in range(100):
+    for _ in range(30):
         T = random_pose(rng)
         centres = T.apply(PAPER.marker_centres)
         seen = np.flatnonzero(
@@ -75,45 +84,50 @@ def test_the_ray_through_a_projected_marker_centre_meets_that_centre(camera):
         # px; worst here 2e-11
         np.testing.assert_allclose(camera.project(T.apply(hits.points)), uv, atol=1e-9)
         tried += len(seen)
-    assert tried > 250
+    assert tried > 70
 
 
 def test_a_marker_centre_is_drawn_where_pencil_and_paper_put_it():
     """At (0, 10, 535) in front of the camera: u = 628, v = 515 + 2940.1 x 10 / 535 = 569.96; the
     image is [v, u].
     """
-    image = radiance(
-        PLAIN, PAPER, pose([0, 0, 540], Rotation.from_euler("y", 180, degrees=True)), UNLIT
-    )
+    image = radiance(PLAIN, PAPER, FRONTAL, UNLIT)
     assert image[570, 628] == 220
     # 1.5 mm x 2940.1 / 535 = 8.2 px to either side of 569.96
     assert (image[563:578, 628] == 220).all()
     assert image[560, 628] == image[579, 628] == 90
     assert image[628, 570] == pytest.approx(background(PLAIN, UNLIT)[628, 570])
+    dark = replace(PAPER, markers="dark")
+    image = radiance(PLAIN, dark, FRONTAL, UNLIT)
+    assert (image[570, 628], image[515, 628]) == (90, 220)
 
 
 @pytest.mark.slow
-def test_hits_agree_with_sphere_tracing():
+def test_hits_agree_with_marching():
     """The first meeting, found by marching along the ray by the distance to the body, from all
     sides and end-on.
     """
     rng = np.random.default_rng(2)
     labels = []
-    for _ in range(40):
+    for _ in range(15):
         T = pose(rng.uniform([-40, -40, 150], [40, 40, 300]), Rotation.random(rng=rng))
         region = np.argwhere(body_region(PLAIN, PAPER, T))
         if len(region) == 0:
             continue
         uv = region[rng.integers(len(region), size=100)][:, ::-1] + rng.uniform(-0.5, 0.5, (100, 2))
-        hits = cast(PLAIN, PAPER, T, uv)
-        marched = sphere_traced(PAPER, T, PLAIN.rays(uv))
-        sure = ~np.isnan(marched).any(axis=1) & (hits.labels != EMPTY)
+        hits, rays = cast(PLAIN, PAPER, T, uv), PLAIN.rays(uv)
+        depth = marched(
+            lambda points, T=T: body_distance(PAPER, T.inv().apply(points)), rays, 2000, 1e-9
+        )
         # rays that graze the silhouette
-        assert (np.isnan(marched).any(axis=1) != (hits.labels == EMPTY)).sum() <= 1
-        # mm; marching stops 1e-9 mm away
-        np.testing.assert_allclose(hits.points[sure], marched[sure], atol=1e-3)
+        assert (np.isinf(depth) != (hits.labels == EMPTY)).sum() <= 1
+        sure = np.isfinite(depth) & (hits.labels != EMPTY)
+        met = T.inv().apply(depth[sure, None] * rays[sure])
+        np.testing.assert_allclose(
+            hits.points[sure], met, atol=1e-3
+        )  # mm; marching stops 1e-9 away
         labels.extend(hits.labels)
-    assert min(labels.count(part) for part in (EMPTY, SIDE, CAP)) > 20
+    assert min(labels.count(part) for part in (EMPTY, SIDE, CAP)) > 10
 
 
 def test_a_marker_is_met_as_soon_as_its_edge_comes_round_the_side():
@@ -142,31 +156,12 @@ def test_a_marker_is_met_as_soon_as_its_edge_comes_round_the_side():
     assert beyond > 50  # seen, though the marker's centre is on the far side
 
 
-def sphere_traced(handle, T_world_handle, rays):
-    """Points of the handle's frame where world rays from the origin meet the body, NaN for a
-    miss.
-    """
-    origin, directions = T_world_handle.inv().translation, T_world_handle.rotation.inv().apply(rays)
-    depth = np.zeros(len(rays))
-    for _ in range(2000):
-        x, y, z = (origin + depth[:, None] * directions).T
-        outside = np.stack(
-            [
-                np.hypot(x, z) - handle.radius_mm,
-                np.abs(y - handle.top_mm + handle.length_mm / 2) - handle.length_mm / 2,
-            ]
-        )
-        distance = np.hypot(*np.maximum(outside, 0)) + np.minimum(outside.max(axis=0), 0)
-        depth = np.minimum(depth + distance, 2000)
-    points = origin + depth[:, None] * directions
-    points[distance > 1e-9] = np.nan
-    return points
+DARK = Bench(shading=0, texture_contrast=0, background_grey=0)  # but for the handle
 
 
 def test_an_end_on_handle_is_its_cap():
     """The near cap hides all else: a circle of radius f r / z."""
-    T = pose([0, 0, 565], Rotation.from_euler("x", -90, degrees=True))  # the free end 540 mm away
-    image = radiance(PLAIN, PAPER, T, Bench(shading=0, texture_contrast=0, background_grey=0))
+    image = radiance(PLAIN, PAPER, turned("x", -90, 565), DARK)  # the free end 540 mm away
     assert image.max() == 90
     expected = np.pi * (5 / 540) ** 2 * 2956.2 * 2940.1
     assert image.sum() / 90 == pytest.approx(expected, rel=5e-4)  # 2341 px^2; off by 7e-5
@@ -183,32 +178,21 @@ AWKWARD = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("camera", "where"),
-    [
-        *((PLAIN, where) for where in AWKWARD),
-        (BENT, "on its side"),
-        *(pytest.param(BENT, where, marks=pytest.mark.heavy) for where in [*AWKWARD][1:]),
-    ],
+    ("camera", "where"), [*((PLAIN, where) for where in AWKWARD), (BENT, "on its side")]
 )
 def test_no_edge_is_missed(camera, where):
     """8 x 8 samples everywhere on the body and around it give the same image as 8 x 8 samples at
     the edges.
     """
-    T = AWKWARD[where]
-    small = Camera(
-        camera.name, (160, 128), np.diag([1 / 8, 1 / 8, 1]) @ MATRIX, camera.distortions, IDENTITY
-    )
-    bench = Bench(shading=0, texture_contrast=0, background_grey=0, marker_supersampling=8)
-    image = radiance(small, PAPER, T, bench)
+    matrix = np.diag([1 / 8, 1 / 8, 1]) @ MATRIX
+    small = Camera(camera.name, (160, 128), matrix, camera.distortions, IDENTITY)
+    image = radiance(small, PAPER, AWKWARD[where], replace(DARK, marker_supersampling=8))
     v, u = np.mgrid[:128, :160].reshape(2, -1)
     uv = (np.column_stack([u, v])[:, None] + sample_offsets(8)).reshape(-1, 2)
-    labels = cast(small, PAPER, T, uv).labels
-    grey = (
-        np.where(labels >= 0, 220.0, np.where(labels == EMPTY, 0.0, 90.0))
-        .reshape(128, 160, -1)
-        .mean(axis=2)
-    )
-    np.testing.assert_allclose(image, grey, atol=1e-9)  # greys of 64 equal samples: rounding alone
+    labels = cast(small, PAPER, AWKWARD[where], uv).labels
+    grey = np.select([labels >= 0, labels == EMPTY], [220.0, 0.0], 90.0)
+    expected = grey.reshape(128, 160, -1).mean(axis=2)
+    np.testing.assert_allclose(image, expected, atol=1e-9)  # 64 equal samples: rounding alone
     assert image.max() > 0
 
 
@@ -216,10 +200,7 @@ def test_a_body_thinner_than_a_pixel_is_not_missed():
     """0.4 px wide: its light is that of its area in the image, whatever pixel centres it passes
     by.
     """
-    tiny, sharp = (
-        scaled(PLAIN, 1 / 128),
-        Bench(shading=0, texture_contrast=0, background_grey=0, marker_grey=90),
-    )
+    tiny, sharp = scaled(PLAIN, 1 / 128), replace(DARK, marker_grey=90)
     for x in (0, 7, 19):
         T = pose([x, 75, 540], Rotation.identity())
         whole = radiance(PLAIN, PAPER, T, sharp).sum() / 128**2
@@ -227,106 +208,11 @@ def test_a_body_thinner_than_a_pixel_is_not_missed():
         assert radiance(tiny, PAPER, T, sharp).sum() == pytest.approx(whole, rel=0.15)
 
 
-def test_the_edge_pixels_are_few_and_disjoint():
-    T = AWKWARD["on its side"]
-    labels = np.full((1024, 1280), EMPTY, np.int16)
-    region = body_region(PLAIN, PAPER, T)
-    labels[region] = cast(PLAIN, PAPER, T, np.argwhere(region)[:, ::-1]).labels
-    body, markers = edge_pixels(PLAIN, PAPER, T, labels)
-    assert not (body & markers).any()
-    assert 0 < markers.sum() < 1500
-    assert 0 < body.sum() < 8000
-
-
-def test_a_symmetry_of_the_handle_shows_the_same_markers():
-    T = AWKWARD["on its side"]
-    region = body_region(PLAIN, PAPER, T)
-    uv = np.argwhere(region)[:, ::-1]
-    labels = cast(PLAIN, PAPER, T, uv).labels
-    for S in PAPER.symmetries:
-        turned = cast(PLAIN, PAPER, T * S, uv).labels
-        assert ((labels >= 0) == (turned >= 0)).all()
-        # marker k of the turned handle is where marker partner[k] was
-        where = S.inv().apply(PAPER.marker_centres)
-        partner = np.linalg.norm(where[:, None] - PAPER.marker_centres, axis=2).argmin(axis=1)
-        assert (turned[labels >= 0] == partner[labels[labels >= 0]]).all()
-    assert len(PAPER.symmetries) == 12
-    assert len(set(labels[labels >= 0])) >= 4
-
-
 # --- marker images
-# --------------------------------------------------------------------------------------------------
-
-RADIUS = 1e5  # mm: on it a marker is flat, its sagitta is 1e-5 mm
-FLAT = Handle("flat", RADIUS, 60, 30, 3, [0], [[0]])
-
-
-def flat_cases(count=90, seed=5):
-    """Slant in deg and pose of a flat disc, turned about axes in all directions, the rows and
-    columns among them.
-    """
-    rng = np.random.default_rng(seed)
-    cases = []
-    for k in range(count):
-        slant, azimuth = (0, 20, 40, 55, 65, 70)[k % 6], rng.uniform(0, 2 * np.pi)
-        if k % 5 == 0:
-            azimuth = np.pi / 4 * np.round(azimuth / (np.pi / 4))
-        tilt = Rotation.from_rotvec(
-            np.deg2rad(slant) * np.array([np.cos(azimuth), np.sin(azimuth), 0])
-        )
-        rotation = tilt * Rotation.from_euler("y", 180, degrees=True)
-        centre = rng.uniform([-0.6, -0.6, 520], [0.6, 0.6, 620])
-        cases.append((slant, pose(centre - rotation.apply([0, 0, RADIUS]), rotation)))
-    return cases
-
-
-def ellipse_centre(camera, T_world_handle):
-    """Centre of the projected circle, closed form: the disc's plane to the image is a homography, a
-    circle a conic.
-    """
-    M = T_world_handle.as_matrix()
-    H = camera.matrix @ np.column_stack([M[:3, 0], M[:3, 1], M[:3, 2] * RADIUS + M[:3, 3]])
-    inverse = np.linalg.inv(H)
-    Q = inverse.T @ np.diag([1, 1, -(1.5**2)]) @ inverse
-    return -np.linalg.solve(Q[:2, :2], Q[:2, 2])
-
-
-def disc_errors(count):
-    camera, bench = (
-        window([628, 515], (64, 56)),
-        Bench(shading=0, supersampling=count, marker_supersampling=count),
-    )
-    errors = [
-        centroid(radiance(camera, FLAT, T, bench) - 90) - ellipse_centre(camera, T)
-        for _, T in flat_cases()
-    ]
-    return np.linalg.norm(errors, axis=1)
-
-
-@pytest.mark.slow
-def test_the_centroid_of_a_flat_disc_is_within_a_hundredth_of_a_pixel():
-    errors = disc_errors(Bench().marker_supersampling)
-    assert errors.max() < 0.01  # px; over 600 cases: 0.004 frontal, 0.008 at 70 deg
-    assert np.sqrt((errors**2).mean()) < 0.003
-
-
-@pytest.mark.heavy
-def test_fewer_samples_are_worse():
-    """The test above can fail: at pixel centres it would by far."""
-    worst = [disc_errors(count).max() for count in (1, 4, 16)]
-    assert worst[0] > 0.1
-    assert worst[0] > 3 * worst[1] > 6 * worst[2]
-
-
-def test_the_area_of_a_frontal_disc():
-    camera = window([628, 515], (64, 56))
-    T = pose([0.1, 0.2, 570 + RADIUS], Rotation.from_euler("y", 180, degrees=True))
-    area = (radiance(camera, FLAT, T, UNLIT) - 90).sum() / 130
-    assert area == pytest.approx(np.pi * 1.5**2 * 2956.2 * 2940.1 / 570**2, rel=1e-3)  # 189.1 px^2
 
 
 @pytest.mark.parametrize("distortions", [(0,) * 5, BARREL], ids=["plain", "distorted"])
-@pytest.mark.parametrize("slant_deg", [0, 20, 40, 55, 65])
+@pytest.mark.parametrize("slant_deg", [0, 40, 65])
 def test_a_wrapped_marker_is_the_polygon_of_its_projected_edge(slant_deg, distortions):
     """Area and centroid against Green's theorem on 4000 projected points of the edge, all of it in
     view.
@@ -335,7 +221,7 @@ def test_a_wrapped_marker_is_the_polygon_of_its_projected_edge(slant_deg, distor
     bench = Bench(shading=0, body_grey=0, marker_grey=200, background_grey=0)
     rng = np.random.default_rng(slant_deg)
     whole = Camera("whole", (1280, 1024), MATRIX, distortions, IDENTITY)
-    for _ in range(6):
+    for _ in range(8):
         spin = Rotation.from_euler("z", rng.uniform(-180, 180), degrees=True)
         rotation = spin * Rotation.from_euler(
             "y", 180 + slant_deg * rng.choice([-1, 1]), degrees=True
@@ -359,32 +245,24 @@ def polygon(uv):
 
 
 # --- light, blur, noise
-# ---------------------------------------------------------------------------------------------
 
 
-def test_a_surface_that_faces_the_light_has_its_nominal_grey():
-    T = pose([0, 0, 540], Rotation.from_euler("y", 180, degrees=True))
-    image = radiance(PLAIN, PAPER, T, Bench(light=(0, 0, -1)))
-    assert image[570, 628] == pytest.approx(220, abs=0.01)
-    assert image[515, 628] == pytest.approx(90, abs=0.01)
-
-
-def test_a_marker_turned_away_stays_well_visible():
-    """At 65 deg from the light: 1 - 0.3 + 0.3 cos 65 deg = 0.827 of its grey, and so the body
-    beside it.
-    """
-    T = pose([0, 0, 540], Rotation.from_euler("y", 180 + 65, degrees=True))
+@pytest.mark.parametrize(
+    ("T", "light", "lit"),
+    [
+        (FRONTAL, (0, 0, -1), {(570, 628): 220, (515, 628): 90}),
+        # 1 - 0.3 + 0.3 cos 65 deg = 0.827 of its grey
+        (turned("y", 180 + 65), (0, 0, -1), {"marker": 220 * 0.827, "beside it": 90 * 0.827}),
+        (turned("x", -90, 700), (0, 0, -1), {(515, 628): 90}),  # the free end's cap
+        (turned("x", 90, 700), (0, 0, 1), {(515, 628): 90 * 0.7}),  # the held end's, from behind
+    ],
+)
+def test_a_surface_has_its_grey_by_its_slant_to_the_light(T, light, lit):
+    image = radiance(PLAIN, PAPER, T, Bench(light=light))
     u, v = PLAIN.project(T.apply(PAPER.marker_centres[:1]))[0].round().astype(int)
-    image = radiance(PLAIN, PAPER, T, Bench(light=(0, 0, -1)))
-    assert image[v, u] == pytest.approx(220 * 0.827, abs=1.5)
-    assert image[v + 15, u] == pytest.approx(90 * 0.827, abs=1)
-
-
-@pytest.mark.parametrize("tip_deg", [-90, 90], ids=["free end", "held end"])
-def test_an_end_cap_is_lit_like_any_surface(tip_deg):
-    T = pose([0, 0, 700], Rotation.from_euler("x", tip_deg, degrees=True))
-    assert radiance(PLAIN, PAPER, T, Bench(light=(0, 0, -1)))[515, 628] == pytest.approx(90)
-    assert radiance(PLAIN, PAPER, T, Bench(light=(0, 0, 1)))[515, 628] == pytest.approx(90 * 0.7)
+    places = {"marker": (v, u), "beside it": (v + 15, u)}
+    for place, grey in lit.items():
+        assert image[places.get(place, place)] == pytest.approx(grey, abs=1.5)
 
 
 def test_the_light_stands_still_in_the_world():
@@ -392,21 +270,8 @@ def test_the_light_stands_still_in_the_world():
     axis.
     """
     for turn in (0, 100, 200):
-        image = radiance(
-            PLAIN,
-            PAPER,
-            pose([0, 0, 540], Rotation.from_euler("y", turn, degrees=True)),
-            Bench(light=(-1, 0, 0), shading=0.5),
-        )
+        image = radiance(PLAIN, PAPER, turned("y", turn), Bench(light=(-1, 0, 0), shading=0.5))
         assert image[515, 608] > image[515, 648] + 20
-
-
-def test_dark_markers_on_a_bright_body():
-    dark = Handle("dark", 5, 200, 25, 3, [0], [[10]], markers="dark")
-    image = radiance(
-        PLAIN, dark, pose([0, 0, 540], Rotation.from_euler("y", 180, degrees=True)), UNLIT
-    )
-    assert (image[570, 628], image[515, 628]) == (90, 220)
 
 
 def test_the_blur_is_a_gaussian_of_the_stated_width():
@@ -424,14 +289,6 @@ def test_the_blur_is_a_gaussian_of_the_stated_width():
     assert image[20, 15] == 1.0
 
 
-@pytest.mark.parametrize("grey", [20.0, 90.0, 220.0])
-def test_noise_has_the_stated_variance(grey):
-    noisy = digitise(np.full((500, 600), grey), Bench(), np.random.default_rng(3)).astype(float)
-    variance = 0.05 * grey + 1.5**2 + 1 / 12  # rounding adds a twelfth
-    assert noisy.mean() == pytest.approx(grey, abs=5 * np.sqrt(variance / noisy.size))
-    assert noisy.var() == pytest.approx(variance, rel=5 * np.sqrt(2 / noisy.size))
-
-
 def test_greys_are_clipped_to_eight_bits():
     rng = np.random.default_rng(4)
     for grey, bound in ((300.0, 255), (-40.0, 0)):
@@ -444,28 +301,15 @@ def test_greys_are_clipped_to_eight_bits():
 
 
 # --- frames and backgrounds
-# -----------------------------------------------------------------------------------------
-
-
-def test_one_seed_gives_one_frame():
-    T = random_pose(np.random.default_rng(8))
-    first, again, other = (
-        render(PLAIN, PAPER, T, Bench(), np.random.default_rng(seed)) for seed in (1, 1, 2)
-    )
-    assert first.shape == (1024, 1280)
-    assert (first == again).all()
-    assert (first != other).mean() > 0.5
 
 
 def test_the_background_does_not_depend_on_the_pose():
-    rng = np.random.default_rng(9)
     empty = radiance(PLAIN, PAPER, None, Bench())
     assert (empty == background(PLAIN, Bench())).all()
-    for _ in range(3):
-        T = random_pose(rng)
-        image, region = radiance(PLAIN, PAPER, T, Bench()), body_region(PLAIN, PAPER, T)
-        assert (image[~region] == empty[~region]).all()
-        assert (image[region] != empty[region]).any()
+    T = random_pose(np.random.default_rng(9))
+    image, region = radiance(PLAIN, PAPER, T, Bench()), body_region(PLAIN, PAPER, T)
+    assert (image[~region] == empty[~region]).all()
+    assert (image[region] != empty[region]).any()
     assert (background(PLAIN, Bench()) == empty).all()  # drawing on it has left it alone
 
 
@@ -480,31 +324,18 @@ def test_the_background_has_its_mean_and_contrast_and_its_seed():
     assert (background(PLAIN, Bench(texture_contrast=0)) == 45).all()
 
 
+@pytest.mark.parametrize("camera", [PLAIN, BENT], ids=["plain", "distorted"])
 @pytest.mark.parametrize(
-    "position", [[0, 0, -540], [900, 0, 540], [0, -900, 540]], ids=["behind", "right", "above"]
+    "position",
+    [[0, 0, -540], [900, 0, 540], [0, -900, 540], [0, 50, 1]],
+    ids=["behind", "right", "above", "around the camera"],
 )
-def test_a_handle_out_of_view_leaves_the_background(position):
-    for camera in (PLAIN, BENT):
-        image = radiance(camera, PAPER, pose(position, Rotation.identity()), Bench())
-        assert (image == background(camera, Bench())).all()
-
-
-def test_a_camera_inside_the_body_sees_nothing_of_it():
-    image = radiance(PLAIN, PAPER, pose([0, 50, 1], Rotation.identity()), Bench())
-    assert (image == background(PLAIN, Bench())).all()
-
-
-def test_a_rig_gives_a_frame_a_camera_in_its_order():
-    second = Camera("ccd2", (640, 480), MATRIX, [0] * 5, pose([0, 0, 50], Rotation.identity()))
-    T = pose([0, 0, 540], Rotation.identity())
-    frames = render_rig(Rig((PLAIN, second)), PAPER, T, Bench(), np.random.default_rng(1))
-    assert [frame.shape for frame in frames] == [(1024, 1280), (480, 640)]
-    empty = render_rig(Rig((PLAIN, second)), PAPER, None, Bench(), np.random.default_rng(1))
-    assert max(frame.max() for frame in empty) < 120 < min(frame.max() for frame in frames)
+def test_a_handle_out_of_view_leaves_the_background(camera, position):
+    image = radiance(camera, PAPER, pose(position, Rotation.identity()), Bench())
+    assert (image == background(camera, Bench())).all()
 
 
 # --- clips, light, scale
-# --------------------------------------------------------------------------------------------
 
 
 def test_the_light_is_a_factor_on_everything_and_the_noise_follows_it():
@@ -520,45 +351,27 @@ def test_the_light_is_a_factor_on_everything_and_the_noise_follows_it():
     assert render(PLAIN, PAPER, T, Bench(), np.random.default_rng(1), gain=0).max() < 10
 
 
-def test_a_clip_is_its_frames():
-    """The same draws as one call of `render` after the other, in step with poses, arms and
-    lights.
+@pytest.mark.parametrize("held", [[None, Arm(), None], Arm()], ids=["by turns", "always"])
+def test_a_clip_is_its_frames(held):
+    """The same draws as one call of `render` after the other, camera by camera, in step with poses,
+    arms and lights.
     """
-    small = scaled(PLAIN, 0.125)
-    poses, arms, lights = (
-        [None, AWKWARD["on its side"], random_pose(np.random.default_rng(3))],
-        [None, Arm(), None],
-        [1, 0.5, 2],
-    )
-    clip = render_clip(
-        small, PAPER, poses, Bench(), np.random.default_rng(7), arm=arms, lights=lights
-    )
-    assert inspect.isgenerator(clip)
-    rng = np.random.default_rng(7)
-    for frame, T, arm, gain in zip(clip, poses, arms, lights, strict=True):
-        assert (frame == render(small, PAPER, T, Bench(), rng, arm, gain)).all()
-    batch = RigidTransform.concatenate(poses[1:])
-    held = list(render_clip(small, PAPER, batch, Bench(), np.random.default_rng(7), Arm()))
-    rng = np.random.default_rng(7)
-    assert [
-        (a == render(small, PAPER, T, Bench(), rng, Arm())).all()
-        for a, T in zip(held, batch, strict=True)
-    ] == [True, True]
-
-
-def test_a_rigs_clip_gives_lists_of_frames():
     second = Camera("ccd2", (64, 48), np.diag([1 / 20, 1 / 20, 1]) @ MATRIX, [0] * 5, IDENTITY)
     rig = Rig((scaled(PLAIN, 0.125), second))
-    clip = list(
-        render_clip(rig, PAPER, [None, AWKWARD["steep"]], Bench(), np.random.default_rng(7))
-    )
+    poses, lights = [None, AWKWARD["on its side"], AWKWARD["steep"]], [1, 0.5, 2]
+    clip = render_clip(rig, PAPER, poses, Bench(), np.random.default_rng(7), held, lights)
+    assert inspect.isgenerator(clip)
     rng = np.random.default_rng(7)
-    for frames, T in zip(clip, (None, AWKWARD["steep"]), strict=True):
+    arms = [held] * 3 if isinstance(held, Arm) else held
+    for frames, T, arm, gain in zip(clip, poses, arms, lights, strict=True):
         assert [frame.shape for frame in frames] == [(128, 160), (48, 64)]
-        assert all(
-            (a == b).all()
-            for a, b in zip(frames, render_rig(rig, PAPER, T, Bench(), rng), strict=True)
-        )
+        for frame, camera in zip(frames, rig.cameras, strict=True):
+            assert (frame == render(camera, PAPER, T, Bench(), rng, arm, gain)).all()
+    batch = RigidTransform.concatenate(poses[1:])
+    of_one = list(render_clip(second, PAPER, batch, Bench(), np.random.default_rng(7)))
+    rng = np.random.default_rng(7)
+    assert (of_one[0] == render(second, PAPER, batch[0], Bench(), rng)).all()
+    assert len(of_one) == 2
 
 
 @pytest.mark.parametrize("camera", [PLAIN, BENT], ids=["plain", "distorted"])
@@ -576,39 +389,7 @@ def test_a_scaled_camera_sees_the_same_through_larger_pixels(camera, factor):
     )
 
 
-def test_half_the_pixels_a_side_are_means_of_four():
-    even = Bench(shading=0, texture_contrast=0, supersampling=16)
-    T = AWKWARD["on its side"]
-    whole, half = (radiance(camera, PAPER, T, even) for camera in (PLAIN, scaled(PLAIN, 0.5)))
-    means = whole.reshape(512, 2, 640, 2).mean(axis=(1, 3))
-    # grey levels; an edge's samples, 16 x 16 against 32 x 32
-    np.testing.assert_allclose(half, means, atol=3)
-    assert np.abs(half - means).mean() < 0.005
-
-
-def test_clips_and_scales_name_what_is_wrong():
-    rng, T = np.random.default_rng(0), AWKWARD["steep"]
-    for name, call in {
-        "arm: expected one for each of 2 poses": lambda: render_clip(
-            PLAIN, PAPER, [T, T], Bench(), rng, [Arm()]
-        ),
-        "lights: expected shape": lambda: render_clip(
-            PLAIN, PAPER, [T, T], Bench(), rng, lights=[1.0]
-        ),
-        "lights: expected factors": lambda: render_clip(
-            PLAIN, PAPER, [T], Bench(), rng, lights=[-1.0]
-        ),
-        "T_world_handle: expected": lambda: list(render_clip(PLAIN, PAPER, [3], Bench(), rng)),
-        "gain: expected": lambda: render(PLAIN, PAPER, T, Bench(), rng, gain=-1),
-        "factor: expected whole": lambda: scaled(PLAIN, 0.3),
-        "factor: expected a number": lambda: scaled(PLAIN, 0),
-    }.items():
-        with pytest.raises(ValueError, match=name):
-            call()
-
-
 # --- truth
-# ----------------------------------------------------------------------------------------------------------
 
 
 def test_true_visibility_follows_the_three_rules():
@@ -645,7 +426,7 @@ def test_a_marker_that_reaches_round_the_body_is_hidden_in_part():
 @pytest.mark.slow
 def test_random_poses_fill_the_standard_scene():
     rng = np.random.default_rng(7)
-    poses = [random_pose(rng) for _ in range(2000)]
+    poses = [random_pose(rng) for _ in range(1000)]
     positions = np.array([T.translation for T in poses])
     np.testing.assert_allclose(positions.min(axis=0), [-90, -60, 520], atol=1)  # mm
     np.testing.assert_allclose(positions.max(axis=0), [90, 60, 620], atol=1)
@@ -653,54 +434,52 @@ def test_random_poses_fill_the_standard_scene():
     tilt = np.rad2deg(np.arccos(axes[:, 2]))
     assert 60 <= tilt.min() < 61
     assert 119 < tilt.max() <= 120
-    np.testing.assert_allclose(axes.mean(axis=0), 0, atol=0.06)  # four standard errors
+    np.testing.assert_allclose(axes.mean(axis=0), 0, atol=0.08)  # four standard errors of 1,000
     normals = np.array([T.rotation.as_matrix()[:, 2] for T in poses])
-    np.testing.assert_allclose(normals.mean(axis=0), 0, atol=0.06)
+    np.testing.assert_allclose(normals.mean(axis=0), 0, atol=0.08)
 
 
 # --- bad input
-# ------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("row", "said"), cases(Path(__file__).with_name("wrong.txt"), "Bench"))
+def test_a_bad_bench_names_its_field(row, said):
+    with pytest.raises(ValueError, match=f"^{row.split()[0]}: {said}"):
+        Bench(**tomllib.loads(row))
+
+
+RNG, AT = np.random.default_rng(0), AWKWARD["steep"]
+ONE = "T_world_handle: expected one RigidTransform"
 
 
 @pytest.mark.parametrize(
-    ("field", "value"),
+    ("message", "call"),
     [
-        ("background_grey", -1),
-        ("body_grey", 256),
-        ("marker_grey", np.nan),
-        ("texture_contrast", 2),
-        ("shading", 1.1),
-        ("texture_seed", 0.5),
-        ("supersampling", 0),
-        ("supersampling", 2.5),
-        ("marker_supersampling", 65),
-        ("blur_px", -0.1),
-        ("shot_variance", "much"),
-        ("read_noise", None),
-        ("light", (0, 0, 0)),
-        ("light", (1, 2)),
+        (ONE, lambda: radiance(PLAIN, PAPER, np.eye(4), Bench())),
+        (ONE, lambda: true_visibility(PLAIN, PAPER, RigidTransform.identity(2))),
+        ("rng: expected", lambda: render(PLAIN, PAPER, AT, Bench(), 5)),
+        ("rng: expected", lambda: random_pose(5)),
+        ("image: expected a grey image", lambda: digitise(np.zeros((4, 4, 3)), Bench(), RNG)),
+        ("image: expected a grey image", lambda: blurred(np.zeros(4), Bench())),
+        ("z_mm: expected", lambda: random_pose(RNG, z_mm=(1, 2, 3))),
+        ("uv: expected shape", lambda: cast(PLAIN, PAPER, AT, np.zeros((2, 3)))),
+        (
+            "arm: expected one for each of 2 poses",
+            lambda: render_clip(PLAIN, PAPER, [AT, AT], Bench(), RNG, [Arm()]),
+        ),
+        (
+            "lights: expected shape",
+            lambda: render_clip(PLAIN, PAPER, [AT, AT], Bench(), RNG, lights=[1.0]),
+        ),
+        (
+            "lights: expected factors",
+            lambda: render_clip(PLAIN, PAPER, [AT], Bench(), RNG, lights=[-1.0]),
+        ),
+        (ONE, lambda: list(render_clip(PLAIN, PAPER, [3], Bench(), RNG))),
+        ("gain: expected", lambda: render(PLAIN, PAPER, AT, Bench(), RNG, gain=-1)),
+        ("factor: expected whole", lambda: scaled(PLAIN, 0.3)),
     ],
 )
-def test_a_bad_bench_names_its_field(field, value):
-    with pytest.raises(ValueError, match=f"^{field}: expected"):
-        Bench(**{field: value})
-
-
-def test_bad_arguments_are_named():
-    rng, T = np.random.default_rng(0), random_pose(np.random.default_rng(0))
-    for bad in (np.eye(4), Rotation.identity(), RigidTransform.from_translation(np.zeros((2, 3)))):
-        with pytest.raises(ValueError, match="T_world_handle: expected one RigidTransform"):
-            radiance(PLAIN, PAPER, bad, Bench())
-        with pytest.raises(ValueError, match="T_world_handle: expected one RigidTransform"):
-            true_visibility(PLAIN, PAPER, bad)
-    for call in (lambda: render(PLAIN, PAPER, T, Bench(), 5), lambda: random_pose(5)):
-        with pytest.raises(ValueError, match="rng: expected"):
-            call()
-    with pytest.raises(ValueError, match="image: expected a grey image"):
-        digitise(np.zeros((4, 4, 3)), Bench(), rng)
-    with pytest.raises(ValueError, match="image: expected a grey image"):
-        blurred(np.zeros(4), Bench())
-    with pytest.raises(ValueError, match="z_mm: expected"):
-        random_pose(rng, z_mm=(1, 2, 3))
-    with pytest.raises(ValueError, match="uv: expected shape"):
-        cast(PLAIN, PAPER, T, np.zeros((2, 3)))
+def test_bad_arguments_are_named(message, call):
+    with pytest.raises(ValueError, match=message):
+        call()

@@ -12,13 +12,10 @@ from trinolab.camera import Camera
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.handle import Handle, slants
 
-CAMERA = Camera(
-    "one",
-    (160, 120),
-    np.array([[1500.0, 0, 80], [0, 1500, 60], [0, 0, 1]]),
-    np.zeros(5),
-    RigidTransform.identity(),
-)
+MATRIX = np.array([[1500.0, 0, 80], [0, 1500, 60], [0, 0, 1]])
+CAMERA = Camera("one", (160, 120), MATRIX, np.zeros(5), RigidTransform.identity())
+PAIR, PAPER, T4 = load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses[4]
+STILL = np.zeros(3)
 # one marker, turned towards the camera
 ROD = Handle("rod", 5.0, 60.0, 30.0, 3.0, (180.0,), ((0.0,),))
 MARKERS_ALONE = Bench(background_grey=0.0, body_grey=0.0, marker_grey=200.0, shading=0.0)
@@ -37,18 +34,10 @@ def moments(image):
 
 
 def test_at_rest_it_is_the_scene():
-    camera, handle, T = (
-        load_rig("paper_pair").cameras[1],
-        load_handle("paper"),
-        load_table1().set_poses[4],
-    )
-    np.testing.assert_allclose(
-        exposed(camera, handle, T, Bench(), np.zeros(3), np.zeros(3)),
-        # a quaternion's rounding
-        radiance(camera, handle, T, Bench()),
-        rtol=0,
-        atol=1e-11,
-    )
+    camera = PAIR.cameras[1]
+    image = exposed(camera, PAPER, T4, Bench(), STILL, STILL)
+    # a quaternion's rounding
+    np.testing.assert_allclose(image, radiance(camera, PAPER, T4, Bench()), rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, -1.0), (0.6, 0.8)])
@@ -56,8 +45,7 @@ def test_a_moving_marker_is_smeared_about_its_place_at_mid_exposure(direction):
     velocity = 310.0 * np.array([*direction, 0.0])
     path_px = 310.0 * EXPOSURE_S * 1500.0 / 500.0 * np.array(direction)  # the marker is 500 mm away
     still, moving = (
-        moments(exposed(CAMERA, ROD, AT, MARKERS_ALONE, v, np.zeros(3)))
-        for v in (np.zeros(3), velocity)
+        moments(exposed(CAMERA, ROD, AT, MARKERS_ALONE, v, STILL)) for v in (STILL, velocity)
     )
     assert moving[0] == pytest.approx(still[0], rel=0.002)  # no light is lost
     np.testing.assert_allclose(moving[1], still[1], atol=0.005)
@@ -68,8 +56,7 @@ def test_a_moving_marker_is_smeared_about_its_place_at_mid_exposure(direction):
 def test_a_turn_smears_across_the_axis_it_is_about():
     turn = np.array([0.0, 40.0, 0.0])  # rad/s about the rod, by 0.2 rad either way
     still, moving = (
-        moments(exposed(CAMERA, ROD, AT, MARKERS_ALONE, np.zeros(3), w))
-        for w in (np.zeros(3), turn)
+        moments(exposed(CAMERA, ROD, AT, MARKERS_ALONE, STILL, w)) for w in (STILL, turn)
     )
     growth = moving[2] - still[2]
     across = np.linspace(-1.5, 1.5, 301)  # mm on the wrapped disc, by its chords
@@ -84,9 +71,9 @@ def test_a_turn_smears_across_the_axis_it_is_about():
 
 def test_refuses_what_is_no_motion():
     with pytest.raises(ValueError, match="velocity"):
-        exposed(CAMERA, ROD, AT, Bench(), np.zeros(2), np.zeros(3))
+        exposed(CAMERA, ROD, AT, Bench(), np.zeros(2), STILL)
     with pytest.raises(ValueError, match="exposure_s"):
-        exposed(CAMERA, ROD, AT, Bench(), np.zeros(3), np.zeros(3), -1.0)
+        exposed(CAMERA, ROD, AT, Bench(), STILL, STILL, -1.0)
 
 
 # --- drawn once and moved
@@ -105,18 +92,13 @@ def drawn(camera, handle, T, bench, *motion, arm=None):
 
 @pytest.mark.slow
 def test_smeared_is_exposed():
-    camera, handle, T = (
-        load_rig("paper_pair").cameras[1],
-        load_handle("paper"),
-        load_table1().set_poses[4],
-    )
+    camera = PAIR.cameras[1]
     velocity, turn = np.array([-250.0, 180.0, 120.0]), np.deg2rad([25.0, -15.0, 20.0])
     bench = Bench(background_grey=0.0, body_grey=0.0, shading=0.0)
-    slow, fast = (
-        exposed(camera, handle, T, bench, velocity, turn),
-        drawn(camera, handle, T, bench, velocity, turn),
-    )
-    uv = camera.project(T.apply(handle.marker_centres))[facing_the(camera, handle, T)]
+    slow = exposed(camera, PAPER, T4, bench, velocity, turn)
+    fast = drawn(camera, PAPER, T4, bench, velocity, turn)
+    facing = slants(PAPER, T4, camera.centre) < np.deg2rad(50)
+    uv = camera.project(T4.apply(PAPER.marker_centres))[facing]
     assert len(uv) >= 2
     for pixel in uv:
         # px; worst seen 0.05
@@ -126,62 +108,30 @@ def test_smeared_is_exposed():
     assert np.sqrt(np.mean((blurred(fast, bench) - blurred(slow, bench))[slow > 1] ** 2)) < 3
 
 
-def facing_the(camera, handle, T):
-    return slants(handle, T, camera.centre) < np.deg2rad(50)
-
-
 @pytest.mark.slow
 def test_arm_and_handle_are_smeared_alike():
-    rig, handle, T = load_rig("paper_pair"), load_handle("paper"), load_table1().set_poses[4]
-    camera, bench = scaled(rig.cameras[0], 0.25), Bench()
-    still = drawn(camera, handle, T, bench, np.zeros(3), np.zeros(3), arm=Arm())
-    assert (still == radiance(camera, handle, T, bench, Arm())).all()
+    camera, bench, arm = scaled(PAIR.cameras[0], 0.25), Bench(), Arm()
+    still = drawn(camera, PAPER, T4, bench, STILL, STILL, arm=arm)
+    assert (still == radiance(camera, PAPER, T4, bench, arm)).all()
     velocity = np.array([400.0, 0, 0])
-    moving = drawn(camera, handle, T, bench, velocity, np.zeros(3), arm=Arm())
-    exact = np.mean(
-        [
-            radiance(
-                camera, handle, RigidTransform.from_translation(velocity * t) * T, bench, Arm()
-            )
-            for t in EXPOSURE_S * ((np.arange(12) + 0.5) / 12 - 0.5)
-        ],
-        axis=0,
-    )
-    off, blur = np.abs(moving - exact), np.abs(still - exact)
-    assert off.mean() < 0.2 * blur.mean()
+    moving = drawn(camera, PAPER, T4, bench, velocity, STILL, arm=arm)
+    ways = velocity * EXPOSURE_S * ((np.arange(12)[:, None] + 0.5) / 12 - 0.5)
+    poses = [RigidTransform.from_translation(way) * T4 for way in ways]
+    exact = np.mean([radiance(camera, PAPER, T, bench, arm) for T in poses], axis=0)
+    assert np.abs(moving - exact).mean() < 0.2 * np.abs(still - exact).mean()
 
 
 def test_what_leaves_the_image_has_no_edge_at_its_border():
-    at = RigidTransform.from_translation([0.0, 0.0, 505.0])
-    camera = Camera(
-        "two",
-        (40, 120),
-        np.array([[1500.0, 0, 20], [0, 1500, 60], [0, 0, 1]]),
-        np.zeros(5),
-        RigidTransform.identity(),
-    )
     bench = Bench(background_grey=0.0, shading=0.0)
-    image = drawn(
-        camera,
-        ROD,
-        RigidTransform.from_translation([0.0, -35, 0]) * at,
-        bench,
-        np.array([0.0, 600, 0]),
-        np.zeros(3),
-    )
+    above = RigidTransform.from_translation([0.0, -35, 505])
+    image = drawn(CAMERA, ROD, above, bench, np.array([0.0, 600, 0]), STILL)
     # the rod comes in over the upper border
-    assert image[0, 20] == pytest.approx(image[6, 20], abs=1)
+    assert image[0, 80] == pytest.approx(image[6, 80], abs=1)
 
 
-def test_a_smeared_handle_outside_the_image_is_nothing():
-    beside = RigidTransform.from_translation([900.0, 0.0, 505.0])
-    assert (
-        smeared(CAMERA, ROD, beside, Bench(), np.array([300.0, 0, 0]), np.zeros(3)).light.size == 0
-    )
-    behind = RigidTransform.from_translation([0.0, 0.0, -505.0])
-    assert (
-        smeared(
-            CAMERA, ROD, behind, Bench(), np.array([300.0, 0, 0]), np.zeros(3), Arm()
-        ).light.size
-        == 0
-    )
+@pytest.mark.parametrize(
+    ("place", "arm"), [([900.0, 0, 505], None), ([0, 0, -505.0], Arm())], ids=["beside", "behind"]
+)
+def test_a_smeared_handle_outside_the_image_is_nothing(place, arm):
+    T = RigidTransform.from_translation(place)
+    assert not smeared(CAMERA, ROD, T, Bench(), np.array([300.0, 0, 0]), STILL, arm).light.size

@@ -30,17 +30,20 @@ def equations(seed=0):
     return normal, J.T @ J, J.T @ missing.ravel()
 
 
-def test_it_is_the_solution_of_the_whole_system():
+@pytest.mark.parametrize(("held", "damping"), [(0, 0.0), (2, 0.0), (0, 0.3)])
+def test_it_is_the_solution_of_the_whole_system(held, damping):
+    """Without the rows and columns of what is held, and with a diagonal that is longer by a share."""
     normal, N, n = equations()
-    reduced = eliminated(normal)
-    expected = np.linalg.solve(N, n)
-    common = np.linalg.solve(reduced.S, reduced.s)
+    N, n = N[held:, held:], n[held:]
+    expected = np.linalg.solve(N + damping * np.diag(np.diag(N)), n)
     # worst of 20 seeds: 2e-14
-    np.testing.assert_allclose(common, expected[:Q], rtol=0, atol=1e-12)
-    poses = reduced.pose_steps(common)
-    np.testing.assert_allclose(poses.ravel(), expected[Q:], rtol=0, atol=1e-12)
+    common, poses = solved(normal.without(held), damping)
+    np.testing.assert_allclose(common, expected[: Q - held], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(poses.ravel(), expected[Q - held :], rtol=0, atol=1e-12)
     # and the covariance of the common unknowns that of all
-    np.testing.assert_allclose(np.linalg.inv(reduced.S), np.linalg.inv(N)[:Q, :Q], atol=1e-12)
+    reduced = eliminated(normal.without(held))
+    covariance = np.linalg.inv(N)[: Q - held, : Q - held]
+    np.testing.assert_allclose(np.linalg.inv(reduced.S), covariance, atol=1e-12)
     np.testing.assert_allclose(reduced.poses_covariance @ normal.D, [np.eye(6)] * POSES, atol=1e-12)
 
 
@@ -51,40 +54,7 @@ def test_a_free_pose_has_no_covariance():
         eliminated(normal)
 
 
-def test_damping_by_hand():
-    matrices = np.array([[[1.0, 2.0], [2.0, 5.0]], [[4.0, 1.0], [1.0, 3.0]]])
-    longer = damped(matrices, 0.5)
-    np.testing.assert_array_equal(longer, [[[1.5, 2], [2, 7.5]], [[6, 1], [1, 4.5]]])
-    assert matrices[0, 0, 0] == 1.0
-
-
-def test_a_damped_step_is_the_solution_of_the_whole_system_with_a_longer_diagonal():
-    normal, N, n = equations()
-    expected = np.linalg.solve(N + 0.3 * np.diag(np.diag(N)), n)
-    common, poses = solved(normal, 0.3)
-    np.testing.assert_allclose(common, expected[:Q], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(poses.ravel(), expected[Q:], rtol=0, atol=1e-12)
-
-
-def test_without_the_held_unknowns_it_is_the_system_without_their_rows_and_columns():
-    normal, N, n = equations()
-    held = 2
-    expected = np.linalg.solve(N[held:, held:], n[held:])
-    reduced = eliminated(normal.without(held))
-    common = np.linalg.solve(reduced.S, reduced.s)
-    np.testing.assert_allclose(common, expected[: Q - held], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(
-        reduced.pose_steps(common).ravel(), expected[Q - held :], rtol=0, atol=1e-12
-    )
-
-
 # --- descent
-
-
-def rosenbrock(x):
-    """Residuals and slopes of Rosenbrock's valley, whose minimum is 0 at (1, 1)."""
-    r = np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
-    return r, np.array([[-20 * x[0], 10.0], [-1.0, 0.0]])
 
 
 def step(x, linear, damping):
@@ -93,9 +63,11 @@ def step(x, linear, damping):
 
 
 def test_a_bent_valley_is_followed_to_its_end():
+    """Rosenbrock's, whose minimum is 0 at (1, 1)."""
+
     def linearised(x):
-        r, J = rosenbrock(x)
-        return (r, J), float(r @ r) / 2
+        r = np.array([10 * (x[1] - x[0] ** 2), 1 - x[0]])
+        return (r, np.array([[-20 * x[0], 10.0], [-1.0, 0.0]])), float(r @ r) / 2
 
     found = descended(np.array([-1.2, 1.0]), linearised, step, 1e-12)
     np.testing.assert_allclose(found.state, [1, 1], rtol=0, atol=1e-9)
@@ -119,13 +91,11 @@ def test_steps_out_of_range_are_not_taken():
     assert found.at_rest
 
 
-def test_a_start_without_a_cost_is_no_rest():
+def test_where_there_is_no_minimum_there_is_no_rest():
+    """A start without a cost, and a cost that falls for ever."""
     found = descended(np.zeros(1), lambda x: (None, np.nan), step, 1e-12)
     assert not found.at_rest
     assert np.isnan(found.cost)
-
-
-def test_steps_come_to_an_end_where_the_cost_falls_for_ever():
     found = descended(0.0, lambda x: (None, float(np.exp(-x))), lambda x, _, d: x + 1e-3, 1e-12)
     assert not found.at_rest
     assert found.state == pytest.approx(0.3)

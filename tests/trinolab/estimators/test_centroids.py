@@ -2,15 +2,13 @@
 differences.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from scenes import bent, moved
 from scipy.spatial.transform import RigidTransform, Rotation
 
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import radiance
-from trinolab.camera import Rig
 from trinolab.datasets import load_rig
 from trinolab.estimators.appearance import Views
 from trinolab.estimators.centroids import predict_centroids
@@ -18,9 +16,7 @@ from trinolab.handle import Handle, slants
 
 ONE = Handle("one", 5.0, 60.0, 30.0, 3.0, (0.0,), ((0.0,),))
 PLAIN = load_rig("paper_pair")
-BENT = Rig(
-    tuple(replace(c, distortions=np.array([-0.3, 0.1, 1e-3, -2e-3, 0.0])) for c in PLAIN.cameras)
-)
+BENT = bent(PLAIN, -0.3, 0.1, 1e-3, -2e-3, 0.0)
 BOTH = Views(np.array([0, 1]), np.array([0, 0]))
 
 
@@ -32,10 +28,6 @@ def pose(turn_deg, tilt_deg=15.0):
     return RigidTransform.from_components([45.0, -30.0, 540.0], rotation)
 
 
-def moved(T, step):
-    return T * RigidTransform.from_components(step[:3], Rotation.from_rotvec(step[3:]))
-
-
 def light_centroid(camera, T, bench):
     """Of the marker's light alone, drawn with many rays a pixel."""
     image = radiance(camera, ONE, T, bench)
@@ -43,7 +35,7 @@ def light_centroid(camera, T, bench):
     return np.array([u, v]) @ image[v, u] / image[v, u].sum()
 
 
-@pytest.mark.parametrize("turn_deg", [-64, -50, -30, 0, 20, 45, 62])
+@pytest.mark.parametrize("turn_deg", [-64, 0, 45])
 @pytest.mark.parametrize("rig", [PLAIN, BENT], ids=["pinhole", "distorted"])
 def test_centroid_is_that_of_rendered_light(rig, turn_deg):
     bench = Bench(background_grey=0, body_grey=0, marker_supersampling=32, shading=0)
@@ -69,7 +61,7 @@ def test_centroid_follows_the_shading():
 
 
 @pytest.mark.parametrize("rig", [PLAIN, BENT], ids=["pinhole", "distorted"])
-@pytest.mark.parametrize("turn_deg", [5, 60, 85])
+@pytest.mark.parametrize("turn_deg", [5, 85])
 def test_jacobian_is_that_of_finite_differences(rig, turn_deg):
     T = pose(turn_deg)
     _, jacobian = predict_centroids(rig, ONE, T, BOTH)
@@ -80,16 +72,6 @@ def test_jacobian_is_that_of_finite_differences(rig, turn_deg):
         np.testing.assert_allclose(
             (high - low) / 2e-4, jacobian[:, :, j], atol=5e-3 if turn_deg < 80 else 0.5
         )
-
-
-def test_offset_grows_with_the_slant_and_lies_along_it():
-    offsets = []
-    for turn_deg in (0, 30, 60):
-        T = pose(turn_deg, tilt_deg=0.0)
-        centre = PLAIN.cameras[0].project(T.apply(ONE.marker_centres))[0]
-        offsets.append(np.linalg.norm(predict_centroids(PLAIN, ONE, T, BOTH)[0][0] - centre))
-    assert offsets[0] < offsets[1] < offsets[2]
-    assert 0.5 < offsets[2] < 1.0  # px
 
 
 def test_marker_that_shows_nothing_has_no_centroid():

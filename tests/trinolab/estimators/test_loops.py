@@ -3,26 +3,22 @@
 import os
 import subprocess
 import sys
-from dataclasses import replace
-from pathlib import Path
 
 import imagemodel_reference as reference
 import numpy as np
 import pytest
+from scenes import bent
 
 from trinolab.bench.motion import random_pose
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
-from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators import imagemodel, loops, movingmodel, rows
 from trinolab.estimators.patches import moving_patches, patches
 
 HANDLE = load_handle("coded")
 PLAIN = load_rig("raised_40deg")
-BENT = Rig(
-    tuple(replace(c, distortions=np.array([-0.25, 0.1, 1e-3, -1e-3, 0.0])) for c in PLAIN.cameras)
-)
+BENT = bent(PLAIN, -0.25, 0.1, 1e-3, -1e-3, 0.0)
 T = random_pose(np.random.default_rng(1))
 MOTION = np.array([2.4, -1.2, 0.8, 0.004, -0.003, 0.002])  # 14 px
 BLUR = imagemodel.MotionBlur(MOTION, MOTION, np.eye(6))
@@ -34,34 +30,18 @@ def images():
     return render_rig(PLAIN, HANDLE, T, bench, np.random.default_rng(0))
 
 
+NAMES = ("greys", "by_pose", "predicted", "residual", "weight", "by_greys")
+
+
 def rows_of(at):
     """The reference's model in the rows of `loops`."""
-    unknowns = at.by_pose.shape[1]
-    rows = {
-        "greys": at.greys,
-        "by_pose": at.by_pose,
-        "predicted": at.predicted,
-        "residual": at.residual,
-        "weight": at.weight,
-        "marker": at.marker,
-        "body": at.body,
-        "by_greys": at.by_greys,
-        "by_gloss": at.by_gloss,
-    }
-    assert unknowns in (7, 13)
-    return rows
+    return {name: getattr(at, name) for name in (*NAMES, "marker", "body", "by_gloss")}
 
 
 def ours(at):
-    return {
-        "greys": at.greys,
-        "by_pose": at.by_pose,
-        "predicted": at.predicted,
-        "residual": at.residual,
-        "weight": at.weight,
+    return {name: getattr(at, name) for name in NAMES} | {
         "marker": at.rows[:, rows.MARKER],
         "body": at.rows[:, rows.BODY],
-        "by_greys": at.by_greys,
         "by_gloss": at.rows[:, rows.GLOSS : rows.GLOSS + 3],
     }
 
@@ -122,38 +102,9 @@ def test_the_arctangent():
     assert np.abs(found - angles).max() < 5e-9
 
 
-FITS = """
-import numpy as np
-from trinolab.datasets import load_handle, load_rig
-from trinolab.estimators.pixels import fit_patches
-import test_loops
-for scale in (0.35, 1.0, 3.0):  # windows of 15, 27 and 63 px
-    rig = test_loops.scaled(scale)
-    images = [np.full(c.size[::-1], 60, np.uint8) for c in rig.cameras]
-    rng = np.random.default_rng(0)
-    images = [(image + rng.normal(0, 9, image.shape)).astype(np.uint8) for image in images]
-    for blur in (None, (test_loops.MOTION, np.eye(6))):
-        fit_patches(images, rig, test_loops.HANDLE, test_loops.T, motion_blur=blur)
-"""
-
-
-def scaled(scale):
-    """The rig with images that are larger by a factor."""
-    cameras = []
-    for camera in PLAIN.cameras:
-        matrix = camera.matrix * [[scale], [scale], [1]]
-        size = tuple(int(scale * side) for side in camera.size)
-        cameras.append(replace(camera, matrix=matrix, size=size))
-    return replace(PLAIN, cameras=tuple(cameras))
-
-
-@pytest.mark.slow
+@pytest.mark.heavy
 def test_no_index_is_out_of_bounds(tmp_path):
-    """Compiled anew with bounds checked, on the smallest and the largest windows."""
-    environment = {
-        **os.environ,
-        "NUMBA_BOUNDSCHECK": "1",
-        "NUMBA_CACHE_DIR": str(tmp_path),
-        "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), *sys.path]),
-    }
-    subprocess.run([sys.executable, "-c", FITS], env=environment, check=True)
+    """Compiled anew with bounds checked."""
+    environment = {**os.environ, "NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not heavy"]
+    subprocess.run([*command, __file__], env=environment, check=True)

@@ -4,7 +4,6 @@ differences.
 
 import numpy as np
 import pytest
-import scipy.ndimage
 from imagemodel_reference import blur_matrices, layers, unblurred
 from scipy.spatial.transform import RigidTransform
 
@@ -12,7 +11,7 @@ from trinolab.bench.motion import random_pose
 from trinolab.datasets import load_handle, load_rig
 from trinolab.estimators.appearance import Views, shading_basis
 from trinolab.estimators.imagemodel import MotionBlur, first_state
-from trinolab.estimators.movingmodel import kernels_of, linearise_moving, smeared
+from trinolab.estimators.movingmodel import linearise_moving
 from trinolab.estimators.patches import Grid, MarkerViews, cut, moving_patches
 from trinolab.estimators.pixels import both_in_world, moved
 from trinolab.rigid import shifted
@@ -37,60 +36,6 @@ def slopes(state, here):
     """Copies of a model's derivatives, whose memory the next model takes, and which cells count."""
     told = linearise_moving(state, here, RIG, HANDLE)
     return told.by_pose, told.weight > 0
-
-
-def filtered(drawn, kernel, here):
-    return smeared(drawn.reshape(*drawn.shape[:2], -1), kernel, here)
-
-
-def test_the_smear_of_a_frequency_is_the_mean_over_the_exposure():
-    here, _ = moving()
-    ways = np.array([[5.3, 2.7], [-0.0002, 0.0001]])
-    times = (np.arange(4000) + 0.5) / 4000 - 0.5
-    rows, columns = here.drawn.shape
-    f_u, f_v = np.fft.rfftfreq(columns), np.fft.fftfreq(rows)[:, None]
-    mean, by_u, by_v = map(np.copy, kernels_of(ways, np.zeros(2), here.drawn))
-    inner = np.arange(rows) != rows // 2  # whose opposite is itself
-    for k, (u, v) in enumerate(ways):
-        turn = f_u * u + f_v * v
-        expected = np.mean([np.cos(2 * np.pi * turn * time) for time in times], axis=0)
-        np.testing.assert_allclose(mean[k, inner], expected[inner], atol=1e-5)
-    step = 1e-5
-    for axis, slope in enumerate((by_u, by_v)):
-        change = step * np.eye(2)[axis]
-        after, before = (
-            kernels_of(ways + d, np.zeros(2), here.drawn)[0].copy() for d in (change, -change)
-        )
-        np.testing.assert_allclose(slope, (after - before) / (2 * step), atol=1e-7)
-
-
-def test_a_kernel_that_does_nothing_leaves_the_middle():
-    here, _ = moving()
-    k = len(here.points)
-    drawn = np.random.default_rng(0).normal(size=(k, 4, *here.drawn.shape))
-    kernel, _, _ = kernels_of(np.zeros((k, 2)), np.zeros(k), here.drawn)
-    top, left = (np.array(here.drawn.shape) - here.at.shape) // 2
-    rows, columns = here.at.shape
-    middle = drawn[:, :, top : top + rows, left : left + columns]
-    np.testing.assert_allclose(filtered(drawn, kernel, here), middle.reshape(k, 4, -1), atol=1e-12)
-
-
-def test_a_smear_goes_the_way_of_u_and_v():
-    """Over two columns and one row: the mean of shifts by parts of that, by linear phases."""
-    here, _ = moving()
-    k = len(here.points)
-    drawn = np.random.default_rng(0).normal(size=(k, 2, *here.drawn.shape))
-    drawn = scipy.ndimage.gaussian_filter(drawn, (0, 0, 2, 2), mode="wrap")
-    kernel, _, _ = kernels_of(np.tile([2.0, 1.0], (k, 1)), np.zeros(k), here.drawn)
-    times = (np.arange(200) + 0.5) / 200 - 0.5
-    shifted = [
-        np.fft.ifft2(scipy.ndimage.fourier_shift(np.fft.fft2(drawn[0, 0]), (time, 2 * time))).real
-        for time in times
-    ]
-    top, left = (np.array(here.drawn.shape) - here.at.shape) // 2
-    rows, columns = here.at.shape
-    expected = np.mean(shifted, axis=0)[top : top + rows, left : left + columns].ravel()
-    np.testing.assert_allclose(filtered(drawn, kernel, here)[0, 0], expected, atol=1e-5)
 
 
 def test_a_moving_handle_looks_like_the_mean_of_many_still_ones():
@@ -130,9 +75,7 @@ def test_the_derivatives_are_those_of_the_model(most_cells):
         return linearise_moving(changed, here, RIG, HANDLE).predicted.copy()
 
     step = 1e-3
-    for k in range(6):
-        d = np.zeros(6)
-        d[k] = step
+    for k, d in enumerate(step * np.eye(6)):
         by_motion = (predicted(T, MOTION + turn @ d) - predicted(T, MOTION - turn @ d)) / (2 * step)
         size = np.linalg.norm(by_motion[usable])
         # in coarse cells 0.017: of the highest frequency they do not show which way it goes
@@ -142,9 +85,7 @@ def test_the_derivatives_are_those_of_the_model(most_cells):
     greys[:, 2:5] = 0
     state = state._replace(greys=greys)
     by_pose_told, usable = slopes(state, here)
-    for k in range(6):
-        d = np.zeros(6)
-        d[k] = step if k < 3 else step / 10
+    for k, d in enumerate(np.diag([step] * 3 + [step / 10] * 3)):
         by_pose = predicted(moved(T, d), MOTION) - predicted(moved(T, -d), MOTION)
         by_pose /= 2 * d[k]
         size = np.linalg.norm(by_pose[usable])
@@ -152,7 +93,7 @@ def test_the_derivatives_are_those_of_the_model(most_cells):
         assert np.linalg.norm((by_pose_told[:, k] - by_pose)[usable]) < 0.1 * size
 
 
-@pytest.mark.parametrize("way_mm", [0.5, 3.0, 10.0, 40.0])
+@pytest.mark.parametrize("way_mm", [0.5, 40.0])
 def test_the_work_is_bounded_however_long_the_way(way_mm):
     here = moving_patches(EMPTY_IMAGES, RIG, HANDLE, T, 72.0, way_mm * MOTION, 18_000)
     assert len(here.points) * np.prod(here.drawn.shape) < 1.35 * 18_000  # rounded to quick sizes

@@ -1,11 +1,12 @@
 """Rig files of other programs: read as the cameras that they say, or named."""
 
-import json
 import re
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from cases import cases, unescaped
 from scipy.spatial.transform import Rotation
 
 from trinolab.files.rigs import read_rig
@@ -15,32 +16,10 @@ LENS = [-0.07, 0.01, 1e-4, -2e-4]
 TURN = Rotation.from_rotvec([0.02, -0.35, 0.01])
 SHIFT_MM = np.array([-100.0, 2.0, 5.0])
 
-CAMERA = f"""size = [640, 480]
-matrix = {K.tolist()}
-distortions = {LENS}
-"""
-SECOND = f"rotation = {TURN.as_rotvec().tolist()}\ntranslation = {SHIFT_MM.tolist()}\n"
-ANIPOSE = (
-    f'[cam_0]\nname = "a"\n{CAMERA}rotation = [0, 0, 0]\ntranslation = [0, 0, 0]\n'
-    f'[cam_1]\nname = "b"\n{CAMERA}{SECOND}'
-)
-ROWS = np.column_stack([TURN.as_matrix(), SHIFT_MM / 1e3]).tolist()
-ONE = f"""  camera_model: pinhole
-  distortion_coeffs: {LENS}
-  distortion_model: radtan
-  intrinsics: [700.0, 702.0, 319.5, 239.5]
-  resolution: [640, 480]
-  rostopic: /cam/image_raw
-"""
-CAMCHAIN = (
-    f"cam0:\n  cam_overlaps: [1]\n{ONE}cam1:\n  T_cn_cnm1:\n"
-    + "".join(f"  - {row}\n" for row in [*ROWS, [0.0, 0.0, 0.0, 1.0]])
-    + ONE
-)
-CALISCOPE = (
-    f"[cameras.0]\nport = 0\n{CAMERA}rotation = [0, 0, 0]\ntranslation = [0, 0, 0]\n"
-    f"[cameras.1]\nport = 1\n{CAMERA}rotation = {TURN.as_matrix().tolist()}\n"
-    f"translation = {(SHIFT_MM / 1e3).tolist()}\n"
+HERE = Path(__file__).parent
+ANIPOSE, CALISCOPE, CAMCHAIN = (
+    (HERE / "examples" / name).read_text()
+    for name in ("anipose.toml", "camera_array.toml", "camchain.yaml")
 )
 
 
@@ -61,7 +40,7 @@ def stored(path, names):
 
 READ = {
     "anipose.toml": ANIPOSE,
-    "zeros.toml": ANIPOSE.replace(str(LENS), str([*LENS, *[0.0] * 10])),
+    "zeros.toml": ANIPOSE.replace("-0.0002]", "-0.0002" + 10 * ", 0.0" + "]"),
     "tables.toml": f'title = "bench"\n{ANIPOSE}[capture]\nfps = 30\n[metadata.board]\nrows = 5\n',
     "utf16.toml": ANIPOSE.encode("utf-16"),
     "camera_array.toml": CALISCOPE,
@@ -89,42 +68,21 @@ def test_the_cameras_are_those_of_the_file(name, tmp_path):
         np.testing.assert_allclose(T.rotation.as_rotvec(), k * TURN.as_rotvec(), atol=1e-12)
 
 
-NAMED = {
-    "cameras.txt": (b"# Camera list with one line\n1 OPENCV 640 480 700\n", "a file of COLMAP"),
-    "rig.npz": (b"PK\x03\x04\0\0", "a file of NumPy"),
-    "rig.mat": (b"MATLAB 5.0 MAT-file", "a file of MATLAB"),
-    "left.ini": (b"[image]\n\nwidth\n640\n", r"a file of ROS \(INI\)"),
-    "chunk.xml": (b'<?xml version="1.0"?>\n<document><chunk label="c"/>', "a file of Metashape"),
-    "qca.txt": (b'<?xml version="1.0"?>\n<cameras><camera serial="1"/>', "a file of Qualisys"),
-    "other.xml": (b"<rig/>", "another program's XML"),
-    "rig.json": (json.dumps({"left": {"K": K.tolist()}}).encode(), "another program's JSON"),
-    "rig.yaml": (b"left: 3\n", "another program's YAML"),
-    "ost.yaml": (
-        b"image_width: 640\ncamera_matrix:\n  rows: 3\n",
-        "ROS's camera_info: .* rotation and translation .* which this file lacks; .*from_opencv",
-    ),
-    "echoed.yaml": (b"height: 480\nwidth: 640\nd: [0.1]\nk: [700.0]\n", "ROS's camera_info"),
-    "fisheye.yaml": (CAMCHAIN.replace("radtan", "equidistant").encode(), "the lens radtan, got"),
-    "short.yaml": (CAMCHAIN.replace("T_cn_cnm1", "T_cam_imu").encode(), "T_cn_cnm1: expected 4 x"),
-    "text.yaml": (b"a: [1, {", "no valid YAML"),
-    "bomb.yaml": (b"a: &a [1]\nb: [*a, *a]\n", "YAML with anchors"),
-    "deep.yml": (
-        b"%YAML:1.0\n---\na: opencv-matrix\nb: " + b"- " * 9000,
-        "OpenCV's (file )?storage|no valid YAML",
-    ),
-    "deep.xml": (
-        b"<opencv_storage>opencv-matrix" + b"<a>" * 9000,
-        "no valid file of OpenCV's storage",
-    ),
-    "long.json": (b"{" + b" " * 70000, "more than 65536 bytes"),
-    "intrinsics.yml": (b"%YAML:1.0\n---\nM1: !!opencv-matrix\n", "OpenCV's (file )?storage"),
+DEEP = {
+    "deep.yml": "%YAML:1.0\n---\na: opencv-matrix\nb: " + "- " * 9000,
+    "deep.xml": "<opencv_storage>opencv-matrix" + "<a>" * 9000,
+    "long.json": "{" + " " * 70000,
+    "fisheye.yaml": CAMCHAIN.replace("radtan", "equidistant"),
+    "short.yaml": CAMCHAIN.replace("T_cn_cnm1", "T_cam_imu"),
 }
+NAMED = cases(HERE / "wrong.txt", "foreign")
 
 
-@pytest.mark.parametrize("name", NAMED)
-def test_what_is_not_read_is_named_in_a_line(name, tmp_path):
-    content, message = NAMED[name]
-    (tmp_path / name).write_bytes(content)
+@pytest.mark.parametrize(("file", "message"), NAMED)
+def test_what_is_not_read_is_named_in_a_line(file, message, tmp_path):
+    name, _, content = file.partition(":")
+    path = tmp_path / name
+    path.write_bytes(DEEP.get(name, unescaped(content.strip())).encode("latin-1"))
     with pytest.raises(ValueError, match=message) as caught:
-        read_rig(tmp_path / name)
-    assert re.fullmatch(rf"{re.escape(str(tmp_path / name))}: [^\n]+", str(caught.value))
+        read_rig(path)
+    assert re.fullmatch(rf"{re.escape(str(path))}: [^\n]+", str(caught.value))

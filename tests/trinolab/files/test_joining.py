@@ -44,20 +44,16 @@ def test_what_belongs_together_is_joined_without_a_word(caplog):
     assert caplog.messages == []
 
 
-@pytest.mark.parametrize("frames", [range(5), range(40, 45)])
-def test_poses_with_the_numbers_of_others_are_refused(frames):
+@pytest.mark.parametrize("first", [0, 40])
+@pytest.mark.parametrize("has_times", [False, True])  # that agree, which is no excuse
+def test_poses_with_the_numbers_of_others_are_refused(first, has_times):
+    found = estimated(20, 5, range(first, first + 5))
     message = (
-        rf"^p\.csv, t\.csv: the poses fit the truth {abs(20 - frames[0])} frames "
-        rf"{'later' if frames[0] < 20 else 'earlier'} far better \(median 0\.3 mm instead of \d+\); "
-        "their frames do not belong together$"
+        rf"^p\.csv, t\.csv: the poses fit the truth 20 frames {'earlier' if first else 'later'} far "
+        r"better \(median 0\.3 mm instead of \d+\); their frames do not belong together$"
     )
     with pytest.raises(ValueError, match=message):
-        joined(estimated(20, 5, frames))
-
-
-def test_times_that_agree_do_not_excuse_a_wrong_join():
-    with pytest.raises(ValueError, match="20 frames later"):
-        joined(timed(estimated(20, 5, range(5))))
+        joined(timed(found) if has_times else found)
 
 
 @pytest.mark.parametrize("delay", [1, DELAY])
@@ -81,15 +77,15 @@ def test_poses_that_another_frame_fits_a_little_better_are_no_wrong_join():
 @pytest.mark.parametrize(
     "found",
     [
-        estimated(0, N, off_mm=100.0),  # a hundred along the way, but fifteen beside it
+        # a hundred along the way, but fifteen beside it
+        estimated(0, N, off_mm=100.0).assign(y_mm=lambda table: table["y_mm"] + 15),
         estimated(20, 2, range(2)),  # two poses may fit somewhere by chance
         estimated(20, 5, range(5)).assign(status="lost"),
         estimated(20, 5, range(5)).assign(status="predicted"),
     ],
 )
 def test_bad_poses_are_no_wrong_join(found):
-    beside = found["y_mm"] + 15 * (len(found) == N)
-    assert best_offset(found.assign(y_mm=beside), truth()) is None
+    assert best_offset(found, truth()) is None
 
 
 def test_frames_may_have_any_number():
@@ -100,11 +96,11 @@ def test_frames_may_have_any_number():
 
 
 def test_times_that_disagree_are_refused():
-    with pytest.raises(
-        ValueError,
-        match=r"^p\.csv, t\.csv: frame 20 is at 0 s in the one and at 0\.666666667 s in the other; "
-        "their frames do not belong together$",
-    ):
+    said = (
+        r"^p\.csv, t\.csv: frame 20 is at 0 s in the one and at 0\.666666667 s in the other; "
+        "their frames do not belong together$"
+    )
+    with pytest.raises(ValueError, match=said):
         joined(estimated(20, 5).assign(t_s=np.arange(5) / 30))
     joined(timed(estimated(0, N), late_s=0.4 / 30))  # less than half a frame
     with pytest.raises(ValueError, match=r"frame 0 is at 0\.02 s"):
@@ -121,17 +117,14 @@ def test_without_times_nothing_is_said_of_them(true, caplog):
     assert caplog.messages == []
 
 
-def test_frames_without_a_partner_are_counted(caplog):
-    found = pd.concat([estimated(0, 50), estimated(0, 3, range(70, 73))])
+def test_frames_without_a_partner_are_counted_where_somebody_is_there(caplog):
+    found, true = pd.concat([estimated(0, 50), estimated(0, 3, range(70, 73))]), truth()
     joined(found)
     assert caplog.messages == [
         "p.csv: 3 of 53 frames have no truth in t.csv",
         "t.csv: 10 of 60 instants have no row in p.csv, and count as lost",
     ]
-
-
-def test_instants_at_which_nobody_is_there_are_partners(caplog):
-    true = truth()
+    caplog.clear()
     true.loc[:9, "status"] = "lost"
     assert len(joined(estimated(0, N), true)) == N - 10
     assert caplog.messages == []

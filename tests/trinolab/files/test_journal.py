@@ -9,22 +9,23 @@ from pathlib import Path
 import pytest
 from processes import ended, started, wait_until
 
-from trinolab.files import journal
+from trinolab.files import journal, limits
 from trinolab.files.journal import Journal, locked, sole_writer
 
 pytestmark = pytest.mark.skipif(journal.fcntl is None, reason="a system without locks of files")
-# Writes "a", leaves "b" unfinished, says so, and waits for its end.
+BUSY = "another process works on it"
+# Writes "a", leaves "b" unfinished, takes the lock of "new", says so, and waits for its end.
 HOLDS = """
-import sys, time
+import time
 from pathlib import Path
-from trinolab.files.journal import Journal
+from trinolab.files.journal import Journal, sole_writer
 lines = Journal(Path("lines"), "head\\n", lambda number, line: True)
 lines.add_line("a")
-with lines.path.open("ab") as unfinished:
+with lines.path.open("ab") as unfinished, sole_writer("new"):
     unfinished.write(b"b")
-Path("ready").touch()
-while True:
-    time.sleep(0.01)
+    Path("ready").touch()
+    while True:
+        time.sleep(0.01)
 """
 
 
@@ -42,11 +43,9 @@ def opened(path, head="head\n", is_line=lambda number, line: line == str(number)
     return Journal(path, head, is_line)
 
 
-def written(path, text):
-    """What is left of a file's lines when it is taken up."""
-    path.write_bytes(text)
-    with opened(path) as lines:
-        return lines.lines(), path.read_bytes()
+def refused(path, what=locked):
+    with pytest.raises(ValueError, match=f"{path.name}: {BUSY}$"), what(path):
+        pass
 
 
 @pytest.mark.parametrize(
@@ -64,11 +63,10 @@ def written(path, text):
     ],
 )
 def test_whole_lines_are_taken_up_and_the_rest_is_cut_off(path, text, left):
-    lines = [str(number) for number in range(left)]
-    assert written(path, text) == (
-        lines,
-        "".join(f"{line}\n" for line in ["head", *lines]).encode(),
-    )
+    path.write_bytes(text)
+    with opened(path) as lines:
+        assert lines.lines() == ["0", "1"][:left]
+        assert path.read_text() == "".join(f"{line}\n" for line in ["head", "0", "1"][: left + 1])
 
 
 def test_lines_in_any_script_are_counted_in_bytes(path):
@@ -82,11 +80,24 @@ def test_lines_in_any_script_are_counted_in_bytes(path):
 def test_a_second_one_is_refused_until_the_first_one_is_closed(path):
     with opened(path) as first:
         first.add_line("0")
-        with pytest.raises(ValueError, match="lines: another process works on it"):
-            opened(path, "another head\n")
+        refused(path, lambda path: opened(path, "another head\n"))
         assert first.lines() == ["0"]
     with opened(path) as second:
         assert second.lines() == ["0"]
+
+
+def test_one_writes_at_a_time_and_the_lock_is_gone_afterwards(tmp_path):
+    (tmp_path / ".new.lock").touch()  # of a process that was killed
+    with sole_writer(tmp_path / "new"):
+        refused(tmp_path / "new", sole_writer)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_is_locked_and_left_as_it_was(tmp_path):
+    (tmp_path / "f").mkdir()
+    with locked(tmp_path / "f"):
+        refused(tmp_path / "f")
+        assert list((tmp_path / "f").iterdir()) == []
 
 
 def test_a_copy_of_the_process_does_not_hold_what_was_closed(path):
@@ -119,81 +130,52 @@ def test_a_file_that_was_removed_before_it_is_locked_is_made_anew(path, monkeypa
     with opened(path) as second:
         second.add_line("0")
         assert path.read_text() == "head\n0\n"
-        with pytest.raises(ValueError, match="another process works on it"):
-            opened(path)
+        refused(path)
 
 
-def test_one_that_waits_has_it_when_the_other_lets_go(path):
+def test_who_waits_has_it_alone_when_the_other_lets_go(path):
     order = []
 
     def wait():
         with locked(path, wait=True):
+            refused(path)
             order.append("second")
 
     thread = threading.Thread(target=wait)
-    with locked(path):
+    with locked(path, wait=True):
         thread.start()
-        with pytest.raises(ValueError, match="another process works on it"), locked(path):
-            order.append("third")
+        refused(path)
         order.append("first")
     thread.join()
     assert order == ["first", "second"]
 
 
-def test_of_two_that_wait_one_has_it(path):
-    """Who has waited holds it alone, as who has not."""
-    path.touch()
-    with (
-        locked(path, wait=True),
-        pytest.raises(ValueError, match="another process works on it"),
-        locked(path),
-    ):
-        pass
-    entered = threading.Event()
-
-    def second():
-        with locked(path, wait=True):
-            entered.set()
-
-    with locked(path, wait=True):
-        waiter = threading.Thread(target=second)
-        waiter.start()
-        assert not entered.wait(0.2)  # it has no way in, however long that takes
-    waiter.join()
-    assert entered.is_set()
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
-def test_a_process_that_is_stopped_lets_go(path, number):
+def test_a_process_that_is_killed_lets_go(path):
     with started("", HOLDS) as process:
         wait_until((path.parent / "ready").exists, process)
-        with pytest.raises(ValueError, match="another process works on it"):
-            opened(path)
-        process.send_signal(number)
+        refused(path)
+        refused(path.with_name("new"), sole_writer)
+        process.send_signal(signal.SIGKILL)
         ended(process)
-    with opened(path, is_line=lambda number, line: True) as lines:
+    with sole_writer("new"), opened(path, is_line=lambda number, line: True) as lines:
         assert lines.lines() == ["a"]
-
-
-def test_a_folder_is_locked_and_left_as_it_was(tmp_path):
-    (tmp_path / "f").mkdir()
-    with locked(tmp_path / "f"):
-        with (
-            pytest.raises(ValueError, match="f: another process works on it"),
-            locked(tmp_path / "f"),
-        ):
-            pass
-        assert list((tmp_path / "f").iterdir()) == []
+    assert {path.name for path in Path().iterdir()} == {"lines", "ready"}
 
 
 def test_what_cannot_be_opened_is_named(tmp_path):
-    with (
-        pytest.raises(ValueError, match="no/lines: cannot be written"),
-        locked(tmp_path / "no" / "lines"),
-    ):
+    nowhere = tmp_path / "no" / "lines"
+    with pytest.raises(ValueError, match="no/lines: cannot be written"), locked(nowhere):
         pass
     with pytest.raises(ValueError, match="no/lines: no such folder"):
-        opened(tmp_path / "no" / "lines")
+        opened(nowhere)
+
+
+def test_rows_that_are_kept_are_no_longer_than_a_table(path, monkeypatch):
+    with opened(path) as rows:
+        rows.add_line("x" * 100)
+    monkeypatch.setattr(limits, "TABLE_BYTES", 50)
+    with pytest.raises(ValueError, match=r"lines: 0\.0 MiB, expected at most 0"):
+        opened(path)
 
 
 def test_without_locks_the_lines_are_kept_all_the_same(path, monkeypatch):
@@ -229,27 +211,3 @@ def test_a_full_disk_is_named_and_leaves_no_file_without_lines(path):
     with opened(path) as lines:
         lines.add_line("1")
         assert lines.lines() == ["0", "1"]
-
-
-# Takes the lock, says so, and waits for its end.
-LOCKS = """
-import time
-from pathlib import Path
-from trinolab.files.journal import sole_writer
-with sole_writer("new"):
-    Path("ready").touch()
-    while True:
-        time.sleep(0.01)
-"""
-
-
-def test_the_lock_of_a_killed_writer_is_taken_over(tmp_path):
-    with started("", LOCKS) as process:
-        wait_until((tmp_path / "ready").exists, process)
-        with pytest.raises(ValueError, match="another process works on it"), sole_writer("new"):
-            pass
-        process.send_signal(signal.SIGKILL)
-        ended(process)
-    with sole_writer("new"):
-        Path("new").touch()
-    assert {path.name for path in tmp_path.iterdir()} == {"new", "ready"}

@@ -12,10 +12,14 @@ import pytest
 from trinolab.camera import RigCovariance
 from trinolab.files import limits
 from trinolab.files.inputs import read_csv, read_toml
-from trinolab.files.journal import Journal, sole_writer
 from trinolab.files.rigs import covariance_text
 
 GREY = np.arange(48, dtype=np.uint8).reshape(6, 8)
+
+
+def each(line):
+    """A line for each of 3,000 names."""
+    return "".join(line.format(k=k) for k in range(3000))
 
 
 def test_a_regular_file_of_so_many_bytes_is_read_and_no_longer_one(tmp_path):
@@ -40,61 +44,39 @@ def test_nobody_waits_at_a_pipe(tmp_path, monkeypatch):
         limits.read_bytes(tmp_path / "pipe", 99)
 
 
-@pytest.mark.parametrize(
-    ("text", "taken"),
-    [
-        ("a" + ".a" * limits.DOTS + " = 1", True),
-        ("a" + ".a" * (limits.DOTS + 1) + " = 1", False),
-        ("[a" + " . 'a'" * (limits.DOTS + 1) + "]", False),
-        ("x = [" + "0.5, 1.25, " * 1000 + "]", True),
-        ("x = [\n" + "0.5,\n" * 1000 + "]", True),
-        ("x = '" + ". " * 1000 + "'", True),
-        ("x = '" + "a" * 100_000 + "'", True),
-        ('x = "' + "a " * 100_000 + '"', True),
-    ],
-)
-def test_names_within_names_are_counted_and_numbers_are_not(tmp_path, text, taken):
-    (tmp_path / "a.toml").write_text(text)
-    if taken:
-        assert read_toml(tmp_path / "a.toml")
-    else:
-        with pytest.raises(ValueError, match=r"a\.toml: a name of more than 32 dots"):
-            read_toml(tmp_path / "a.toml")
-
-
-def test_a_toml_file_has_so_many_commas_and_lines(tmp_path):
-    path = tmp_path / "a.toml"
-    path.write_text("x = [" + "1," * limits.ENTRIES + "]")
-    assert len(read_toml(path)["x"]) == limits.ENTRIES
-    path.write_text("x = [" + "1," * limits.ENTRIES + "1,]")
-    with pytest.raises(ValueError, match=r"a\.toml: expected at most 100,000 commas, got 100,001$"):
-        read_toml(path)
-    path.write_text("\n" * (limits.ENTRIES + 1))
-    with pytest.raises(ValueError, match=r"a\.toml: expected at most 100,000 lines, got 100,001$"):
-        read_toml(path)
+DEEP, N = limits.DOTS, limits.ENTRIES
 
 
 @pytest.mark.parametrize(
-    ("line", "said"),
+    ("text", "said"),
     [
-        ("[a{k}.a.a.a.a.a]\n", "10,000 dots in its names, got 15,000"),
-        ("a{k} . 'a'.\"a\".a.a.a.a = 1.5\n", "10,000 dots in its names, got 18,000"),
-        ("a{k}.1.2.3.4.5 = -1.5e3\n", "10,000 dots in its names, got 15,000"),
-        ("x{k} = [[1.5, -2.5, 3.5e-7, 1.5], [+0.5, 1.5]]\n", ""),
+        ("a" + ".a" * DEEP + " = 1", ""),
+        ("a" + ".a" * (DEEP + 1) + " = 1", "a name of more than 32 dots"),
+        ("[a" + " . 'a'" * (DEEP + 1) + "]", "a name of more than 32 dots"),
+        ("x = [" + "0.5, 1.25, " * 1000 + "]", ""),
+        ("x = '" + ". " * 1000 + "'", ""),
+        ('x = "' + "a " * 100_000 + '"', ""),
+        ("x = [" + "1," * N + "]", ""),
+        ("x = [" + "1," * N + "1,]", "expected at most 100,000 commas, got 100,001$"),
+        ("\n" * (N + 1), "expected at most 100,000 lines, got 100,001$"),
+        (each("[a{k}.a.a.a.a.a]\n"), "10,000 dots in its names, got 15,000"),
+        (each("a{k} . 'a'.\"a\".a.a.a.a = 1.5\n"), "10,000 dots in its names, got 18,000"),
+        (each("a{k}.1.2.3.4.5 = -1.5e3\n"), "10,000 dots in its names, got 15,000"),
+        (each("x{k} = [[1.5, -2.5, 3.5e-7, 1.5], [+0.5, 1.5]]\n"), ""),
         (
-            "[a{k}]\nx = 1\n[b{k}]\nx = {{}}\n[[c{k}]]\nx = []\n[d{k}]\n",
+            each("[a{k}]\nx = 1\n[b{k}]\nx = {{}}\n[[c{k}]]\nx = []\n[d{k}]\n"),
             "20,000 tables and lists, got 21",
         ),
     ],
+    ids=range(14),
 )
-def test_a_toml_file_has_so_many_names_and_tables(tmp_path, line, said):
-    path = tmp_path / "a.toml"
-    path.write_text("".join(line.format(k=k) for k in range(3000)))
+def test_a_toml_file_has_so_many_names_commas_and_tables(tmp_path, text, said):
+    (tmp_path / "a.toml").write_text(text)
     if not said:
-        assert len(read_toml(path)) == 3000
+        assert read_toml(tmp_path / "a.toml")
         return
-    with pytest.raises(ValueError, match=rf"a\.toml: expected at most {said}"):
-        read_toml(path)
+    with pytest.raises(ValueError, match=rf"a\.toml: .*{said}"):
+        read_toml(tmp_path / "a.toml")
 
 
 def test_the_covariance_of_as_many_cameras_as_a_rig_may_have_is_read(tmp_path):
@@ -128,84 +110,50 @@ def test_a_table_has_so_many_lines_columns_and_cells(tmp_path, text, said):
         read_csv(path)
 
 
-def test_rows_that_are_kept_are_no_longer_than_a_table(tmp_path, monkeypatch):
-    with Journal(tmp_path / "rows", "head\n", lambda *_: True) as rows:
-        rows.add_line("x" * 100)
-    monkeypatch.setattr(limits, "TABLE_BYTES", 50)
-    with pytest.raises(ValueError, match=r"rows: 0\.0 MiB, expected at most 0"):
-        Journal(tmp_path / "rows", "head\n", lambda *_: True)
-
-
-# --- images
-
+# --- images, in a process that loads OpenCV anew
 
 LOADS = """
 import sys
 from pathlib import Path
 import {first}
 from trinolab.files.images import read_grey
-try:
-    read_grey(Path(sys.argv[1]))
-except ValueError as error:
-    print(error)
+for name in sys.argv[1:]:
+    try:
+        read_grey(Path(name))
+    except ValueError as error:
+        print(error)
 """
 
 
-def stating(kind, width, height):
-    """A small image whose header states another size; its body is not even there."""
-    content = bytearray(cv2.imencode(kind, GREY)[1].tobytes())
-    if kind == ".bmp":
-        content[18:26] = width.to_bytes(4, "little") + height.to_bytes(4, "little")
-    elif kind == ".jpg":
-        at = content.index(b"\xff\xc0") + 5
-        content[at : at + 4] = height.to_bytes(2) + width.to_bytes(2)
-    else:
-        return b"P5 %d %d 255\n" % (width, height)
-    return bytes(content)
-
-
-@pytest.mark.parametrize("kind", [".bmp", ".jpg", ".pgm"])
-def test_an_image_is_refused_before_it_is_decoded(tmp_path, kind):
-    """With the limit that `trinolab` gives to OpenCV. Only a process that loads OpenCV anew has it."""
-    path = tmp_path / f"a{kind}"
-    path.write_bytes(stating(kind, 10_000, limits.PIXELS // 10_000 + 1))
-    assert said_by_a_process("trinolab", path) == (
-        f"{path}: expected at most 50 million pixels, got more\n"
+def said_by_a_process(first, folder, contents):
+    """What a process that loads a module first says of images."""
+    for name, content in contents.items():
+        (folder / name).write_bytes(content)
+    environment = {k: v for k, v in os.environ.items() if "MAX_IMAGE" not in k}
+    command = [sys.executable, "-c", LOADS.format(first=first), *contents]
+    done = subprocess.run(
+        command, cwd=folder, env=environment, check=True, capture_output=True, text=True
     )
+    return done.stdout.splitlines()
+
+
+def test_an_image_is_refused_before_it_is_decoded(tmp_path):
+    """With the limit that `trinolab` gives to OpenCV, by small images whose headers state a size; their
+    bodies are not even there.
+    """
+    width, height = 10_000, limits.PIXELS // 10_000 + 1
+    bmp, jpg = (bytearray(cv2.imencode(kind, GREY)[1].tobytes()) for kind in (".bmp", ".jpg"))
+    bmp[18:26] = width.to_bytes(4, "little") + height.to_bytes(4, "little")
+    at = jpg.index(b"\xff\xc0") + 5
+    jpg[at : at + 4] = height.to_bytes(2) + width.to_bytes(2)
+    images = {"a.bmp": bmp, "a.jpg": jpg, "a.pgm": b"P5 %d %d 255\n" % (width, height)}
+    assert said_by_a_process("trinolab", tmp_path, images) == [
+        f"{name}: expected at most 50 million pixels, got more" for name in images
+    ]
 
 
 def test_an_image_is_refused_all_the_same_where_opencv_was_loaded_before(tmp_path):
-    path = tmp_path / "a.png"
-    path.write_bytes(cv2.imencode(".png", np.zeros((5001, 10_000), np.uint8))[1].tobytes())
-    assert said_by_a_process("cv2", path) == (
-        f"{path}: 10000 x 5001 pixels, expected at most 50 million\n"
-    )
-
-
-def said_by_a_process(first, path):
-    """What a process that loads a module first says of an image."""
-    environment = {k: v for k, v in os.environ.items() if "MAX_IMAGE" not in k}
-    code = LOADS.format(first=first)
-    return subprocess.run(
-        [sys.executable, "-c", code, str(path)],
-        env=environment,
-        check=True,
-        capture_output=True,
-        text=True,
-    ).stdout
-
-
-# --- one writer
-
-
-def test_one_writes_at_a_time_and_the_lock_is_gone_afterwards(tmp_path):
-    pytest.importorskip("fcntl", reason="no such locks on this system")
-    target = tmp_path / "rig.toml"
-    (tmp_path / ".rig.toml.lock").touch()  # of a process that was killed
-    with (
-        sole_writer(target),
-        pytest.raises(ValueError, match=r"^.*/rig\.toml: another process works on it$"),
-        sole_writer(target),
-    ):
-        pass
-    assert list(tmp_path.iterdir()) == []
+    image = cv2.imencode(".png", np.zeros((5001, 10_000), np.uint8))[1].tobytes()
+    assert said_by_a_process("cv2", tmp_path, {"a.png": image}) == [
+        "a.png: 10000 x 5001 pixels, expected at most 50 million"
+    ]

@@ -1,6 +1,7 @@
 """A file appears whole or not at all."""
 
 import os
+import re
 import stat
 
 import numpy as np
@@ -28,86 +29,77 @@ def only(folder):
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_written_file_is_for_everyone_to_read(tmp_path):
-    write_whole(tmp_path / "p.csv", "text")
-    assert stat.S_IMODE((tmp_path / "p.csv").stat().st_mode) == 0o644
-    assert only(tmp_path) == ["p.csv"]
+@pytest.fixture
+def path(tmp_path):
+    write_whole(tmp_path / "p.csv", "old")
+    return tmp_path / "p.csv"
+
+
+def test_written_file_is_for_everyone_to_read(path):
+    assert stat.S_IMODE(path.stat().st_mode) == 0o644
+    assert only(path.parent) == ["p.csv"]
 
 
 @pytest.mark.parametrize(
     ("failure", "raised"),
     [
         (OSError(28, "No space left on device"), ValueError),
-        (KeyboardInterrupt(), KeyboardInterrupt),
+        (KeyboardInterrupt("No space left on device"), KeyboardInterrupt),
     ],
 )
-def test_failed_write_leaves_the_old_file(tmp_path, monkeypatch, failure, raised):
+def test_failed_write_leaves_the_old_file(path, monkeypatch, failure, raised):
     def fail(*_):
         raise failure
 
-    path = tmp_path / "p.csv"
-    write_whole(path, "old")
     monkeypatch.setattr(outputs.os, "replace", fail)
-    with pytest.raises(raised) as caught:
+    with pytest.raises(raised, match="No space left on device"):
         write_whole(path, "new")
     assert path.read_text() == "old"
-    assert only(tmp_path) == ["p.csv"]
-    assert (
-        raised is KeyboardInterrupt
-        or str(caught.value) == f"{path}: cannot be written (No space left on device)"
-    )
+    assert only(path.parent) == ["p.csv"]
 
 
-def test_disk_that_fills_up_leaves_the_old_file(tmp_path, monkeypatch):
-    path = tmp_path / "p.csv"
-    write_whole(path, "old")
-    real = outputs.tempfile.NamedTemporaryFile
-
-    def full(*args, **kwargs):
-        file = real(*args, **kwargs)
-
-        def fail(_):
-            file.file.write("ne")
-            raise OSError(28, "No space left on device")
-
-        file.write = fail
-        return file
-
-    monkeypatch.setattr(outputs.tempfile, "NamedTemporaryFile", full)
-    with pytest.raises(ValueError, match="No space left"):
-        write_whole(path, "new")
+def test_disk_that_fills_up_leaves_the_old_file(path):
+    resource = pytest.importorskip("resource", reason="limits of a process are set as POSIX does")
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (3, limit[1]))
+    try:
+        with pytest.raises(ValueError, match=r"p\.csv: cannot be written \(File too large\)"):
+            write_whole(path, "new text")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
     assert path.read_text() == "old"
-    assert only(tmp_path) == ["p.csv"]
+    assert only(path.parent) == ["p.csv"]
 
 
-def test_link_stays_a_link(tmp_path):
-    (tmp_path / "real.csv").write_text("old")
-    (tmp_path / "link.csv").symlink_to("real.csv")
-    write_whole(tmp_path / "link.csv", "new")
-    assert (tmp_path / "link.csv").is_symlink()
-    assert (tmp_path / "real.csv").read_text() == "new"
+def test_link_stays_a_link(path):
+    link = path.with_name("link.csv")
+    link.symlink_to("p.csv")
+    write_whole(link, "new")
+    assert link.is_symlink()
+    assert path.read_text() == "new"
 
 
 @pytest.mark.parametrize("write", [check_target, lambda path: write_whole(path, "x")])
-def test_impossible_target_is_named(tmp_path, write):
-    (tmp_path / "file").touch()
-    for path, message in (
-        (tmp_path / "no" / "p.csv", "no such folder to write into"),
-        (tmp_path / "file" / "p.csv", "no such folder to write into"),
-        (tmp_path, "a folder or a device is there"),
-        (os.devnull, "a folder or a device is there"),
-    ):
-        with pytest.raises(ValueError) as caught:  # noqa: PT011
-            write(path)
-        assert str(caught.value).startswith(f"{path}: ")
-        assert message in str(caught.value)
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("no/p.csv", "no such folder to write into"),
+        ("p.csv/p.csv", "no such folder to write into"),
+        (".", "cannot be written (a folder or a device is there)"),
+        (os.devnull, "cannot be written (a folder or a device is there)"),
+    ],
+)
+def test_impossible_target_is_named(path, write, name, message):
+    target = path.parent / name
+    with pytest.raises(ValueError, match=re.escape(f"{target}: {message}")):
+        write(target)
 
 
-def test_a_folder_that_cannot_be_made_is_named_as_it_was_given(tmp_path):
-    for make in (check_parent, partial_of, lambda path: write_bag(tmp_path, path)):
-        with pytest.raises(ValueError) as caught:  # noqa: PT011
-            make(tmp_path / "no" / "new")
-        assert str(caught.value) == f"{tmp_path / 'no' / 'new'}: no such folder to write into"
+@pytest.mark.parametrize("make", [check_parent, partial_of, lambda path: write_bag("", path)])
+def test_a_folder_that_cannot_be_made_is_named_as_it_was_given(tmp_path, make):
+    new = tmp_path / "no" / "new"
+    with pytest.raises(ValueError, match=re.escape(f"{new}: no such folder to write into")):
+        make(new)
 
 
 def test_files_that_belong_together_appear_together(tmp_path):
@@ -116,10 +108,8 @@ def test_files_that_belong_together_appear_together(tmp_path):
         write_together({tmp_path / "a.csv": "text", tmp_path / "b.png": b"bytes"})
     assert only(tmp_path) == ["b.png"]
     write_together({tmp_path / "a.csv": "text", tmp_path / "c.png": b"bytes"})
-    assert ((tmp_path / "a.csv").read_text(), (tmp_path / "c.png").read_bytes()) == (
-        "text",
-        b"bytes",
-    )
+    assert (tmp_path / "a.csv").read_text() == "text"
+    assert (tmp_path / "c.png").read_bytes() == b"bytes"
     assert stat.S_IMODE((tmp_path / "c.png").stat().st_mode) == 0o644
 
 
@@ -130,7 +120,7 @@ def test_a_table_has_six_digits_and_lines_that_end_alike_everywhere(tmp_path):
     assert (tmp_path / "t.csv").read_bytes() == text
 
 
-@pytest.mark.parametrize("first_s", [0.0, 86400.0, 1.7e9, 2.1e9])
+@pytest.mark.parametrize("first_s", [0.0, 2.1e9])
 def test_times_are_written_in_full(tmp_path, first_s):
     """Also those that count from 1970: to a microsecond, of which 2^31 s leave two steps."""
     times = first_s + np.arange(5) / 30

@@ -1,10 +1,11 @@
 """The visible end of the body, on rendered frames: it decides rightly, or not at all."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import RigidTransform, Rotation
+from scenes import pose
 
 from trinolab.bench.hand import Arm
 from trinolab.bench.optics import Bench
@@ -16,9 +17,12 @@ from trinolab.measurement import measure
 from trinolab.parameters import Parameters
 
 RIG, PAPER = load_rig("paper_pair"), load_handle("paper")
-T = RigidTransform.from_components(
-    [15.0, -10.0, 560.0], Rotation.from_euler("ZYX", [70, 20, 10], degrees=True)
-)
+T = pose([15.0, -10.0, 560.0], [70, 20, 10])
+
+
+@cache
+def usual_frames():
+    return render_rig(RIG, PAPER, T, Bench(), np.random.default_rng(0))
 
 
 def right_way(poses):
@@ -31,12 +35,10 @@ def right_way(poses):
     ("bench", "arm", "markers"),
     [
         (Bench(), None, "bright"),
-        (Bench(background_grey=140.0), None, "bright"),
         (Bench(), None, "dark"),
-        (Bench(), Arm(), "bright"),
         (Bench(), Arm(palm_deg=120.0), "bright"),
     ],
-    ids=["dark background", "bright background", "dark markers", "held", "held the other way"],
+    ids=["usual", "dark markers", "held"],
 )
 def test_the_free_end_halves_the_choice(bench, arm, markers):
     handle = replace(PAPER, markers=markers)
@@ -46,15 +48,8 @@ def test_the_free_end_halves_the_choice(bench, arm, markers):
         assert keep_by_body(frames, RIG, handle, poses).tolist() == right_way(poses)
 
 
-@pytest.mark.parametrize(
-    "bench",
-    [
-        Bench(background_grey=90.0, texture_contrast=0.0),
-        Bench(background_grey=70.0, texture_contrast=0.4),
-    ],
-    ids=["as bright as the body", "wild"],
-)
-def test_a_body_that_does_not_stand_out_decides_nothing(bench):
+def test_a_body_that_does_not_stand_out_decides_nothing():
+    bench = Bench(background_grey=70.0, texture_contrast=0.4)
     frames = render_rig(RIG, PAPER, T, bench, np.random.default_rng(0))
     assert keep_by_body(frames, RIG, PAPER, equivalents(T, PAPER)).all()
 
@@ -65,16 +60,13 @@ def test_what_is_hidden_or_outside_or_the_same_either_way_decides_nothing():
     held = render_rig(RIG, PAPER, T, Bench(), rng, Arm(grip_mm=(-100.0, -20.0)))
     assert keep_by_body(held, RIG, PAPER, equivalents(T, PAPER)).all()
     middle = replace(PAPER, top_mm=100.0)
-    frames = render_rig(RIG, middle, T, Bench(), rng)
+    frames = usual_frames()
     assert keep_by_body(frames, RIG, middle, equivalents(T, middle)).all()
-    aside = RigidTransform.from_components([600.0, 0, 0], Rotation.identity()) * T
+    aside = pose([600.0, 0, 0]) * T
     assert keep_by_body(frames, RIG, PAPER, equivalents(aside, PAPER)).all()
     assert keep_by_body(frames, RIG, PAPER, [T]).tolist() == [True]
-
-
-def test_poses_on_other_axes_are_left_alone():
-    frames = render_rig(RIG, PAPER, T, Bench(), np.random.default_rng(0))
-    away = RigidTransform.from_components([0, 0, 40.0], Rotation.identity()) * T
+    # poses on other axes are left alone
+    away = pose([0, 0, 40.0]) * T
     poses = [*equivalents(T, PAPER), away]
     assert keep_by_body(frames, RIG, PAPER, poses).tolist() == [*right_way(poses[:12]), True]
 
@@ -88,13 +80,6 @@ def test_a_layout_with_that_symmetry_alone_is_measured():
     )
     assert len(handle.symmetries) == 2
     images = render_rig(RIG, handle, T, Bench(), np.random.default_rng(0))
-    pose = measure(images, RIG, handle, parameters=Parameters(estimator="paper")).pose
-    assert pose.status == "measured"
-    assert np.rad2deg((pose.T_world_handle.inv() * T).rotation.magnitude()) < 5.0
-
-
-def test_paper_layout_stays_ambiguous_by_six_turns():
-    images = render_rig(RIG, PAPER, T, Bench(), np.random.default_rng(0))
-    pose = measure(images, RIG, PAPER, parameters=Parameters(estimator="paper")).pose
-    assert pose.status == "ambiguous"
-    assert right_way([pose.T_world_handle]) == [True]
+    found = measure(images, RIG, handle, parameters=Parameters(estimator="paper")).pose
+    assert found.status == "measured"
+    assert np.rad2deg((found.T_world_handle.inv() * T).rotation.magnitude()) < 5.0

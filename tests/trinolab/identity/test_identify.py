@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from boards import motion
 from markerviews import CODED, PAPER, RIG, TRIO, good_poses, seen_by, views, without
-from scipy.spatial.transform import RigidTransform, Rotation
+from scenes import pose
+from scipy.spatial.transform import RigidTransform
 
 from trinolab.bench.motion import random_pose
 from trinolab.camera import Rig
@@ -30,24 +32,6 @@ ODD = Handle(
     4.0,
     (0.0, 70.0, 140.0, 215.0, 290.0),
     ((12.0, -3.0), (9.0, -12.0), (12.0, -7.0), (3.0, -9.0), (10.0, -14.0)),
-)
-MANY = Handle(
-    "many",
-    8.0,
-    200.0,
-    25.0,
-    2.0,
-    tuple(45.0 * k + 3.0 * (k % 3) for k in range(8)),
-    (
-        (10.0, 0.0, -10.0),
-        (10.0, -8.0),
-        (6.0,),
-        (10.0, -3.0, -12.0),
-        (9.0, -10.0),
-        (10.0, 2.0),
-        (4.0, -10.0),
-        (8.0, -1.0, -14.0),
-    ),
 )
 
 
@@ -90,55 +74,25 @@ def assert_identified(options, T, index, turn_deg=5.0):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("handle", "rig"),
-    [
-        pytest.param(CODED, RIG, id="coded-two"),
-        pytest.param(CODED, TRIO, id="coded-three"),
-        pytest.param(ODD, RIG, id="odd-two", marks=pytest.mark.heavy),
-        pytest.param(ODD, TRIO, id="odd-three"),
-        pytest.param(MANY, RIG, id="many-two"),
-        pytest.param(MANY, TRIO, id="many-three", marks=pytest.mark.heavy),
-    ],
-)
+@pytest.mark.parametrize(("handle", "rig"), [(CODED, RIG), (CODED, TRIO), (ODD, TRIO)])
 def test_a_layout_without_symmetry_is_identified_from_one_instant(handle, rig):
-    for T, rng in good_poses(handle, 12, 0, rig):
+    for T, rng in good_poses(handle, 8, 0, rig):
         found, axes, index = views(T, handle, rng, rig)
         assert_identified(identify(rig, handle, found, axes_px=axes), T, index)
         assert_identified(identify(rig, handle, found), T, index)
-
-
-def test_world_frame_and_distortion_do_not_matter():
-    M = RigidTransform.from_components([300.0, -200, 900], Rotation.from_rotvec([0.4, 1.2, -0.3]))
-    lens = np.array([-0.3, 0.1, 1e-3, -1e-3, 0.0])
-    bent = Rig(
-        tuple(
-            replace(c, T_cam_world=c.T_cam_world * M.inv(), distortions=lens) for c in TRIO.cameras
-        )
-    )
-    for T, rng in good_poses(CODED, 5, 1, TRIO):
-        found, axes, index = views(M * T, CODED, rng, bent)
-        assert_identified(identify(bent, CODED, found, axes_px=axes), M * T, index)
+        if handle is ODD:  # ten wrong blobs in each image
+            more = tuple(np.vstack([uv, rng.uniform(0, 1024, (10, 2))]) for uv in found)
+            (option,) = identify(rig, handle, more)
+            labels = tuple(label[: len(k)] for label, k in zip(option.labels, index, strict=True))
+            assert_identified([replace(option, labels=labels)], T, index)
 
 
 def test_paper_layout_is_found_up_to_its_symmetry():
-    for T, rng in good_poses(PAPER, 10, 2):
+    for T, rng in good_poses(PAPER, 5, 2):
         found, axes, _ = views(T, PAPER, rng)
         options = identify(RIG, PAPER, found, axes_px=axes)
         assert len(options) == 1
         assert min(apart_deg(E, T) for E in equivalents(options[0].T_world_handle, PAPER)) < 5.0
-
-
-def test_spurious_markers():
-    """Ten wrong blobs in each image."""
-    for T, rng in good_poses(ODD, 5, 3):
-        found, _, index = views(T, ODD, rng)
-        found = tuple(np.vstack([uv, rng.uniform(0, 1024, (10, 2))]) for uv in found)
-        options = identify(RIG, ODD, found)
-        assert len(options) == 1
-        assert apart_deg(options[0].T_world_handle, T) < 5.0
-        for label, k in zip(options[0].labels, index, strict=True):
-            assert set(label[: len(k)][label[: len(k)] >= 0] - k[label[: len(k)] >= 0]) <= {0}
 
 
 @pytest.mark.parametrize("camera", [0, 1, 2])
@@ -154,7 +108,7 @@ def test_one_camera_is_enough(camera):
 
 def test_a_search_that_is_cut_short_goes_on_where_it_ended():
     """Two cameras look elsewhere, see more blobs than the third one markers, and are tried first."""
-    around = RigidTransform.from_rotation(Rotation.from_euler("y", 180, degrees=True))
+    around = pose([0, 0, 0], [0, 180, 0])
     away = [replace(camera, T_cam_world=around * camera.T_cam_world) for camera in TRIO.cameras[:2]]
     rig = Rig((*away, TRIO.cameras[2]))
     T, rng = next(good_poses(CODED, 1, 4, TRIO))
@@ -177,45 +131,16 @@ def test_a_search_that_is_cut_short_goes_on_where_it_ended():
 def test_cameras_that_see_different_markers_go_together():
     """Two cameras face to face, either side of the handle."""
     first = RIG.cameras[0]
-    back = RigidTransform.from_components(
-        [0.0, 0.0, 1140.0], Rotation.from_euler("y", 180, degrees=True)
-    )
+    back = pose([0.0, 0.0, 1140.0], [0, 180, 0])
     rig = Rig((first, replace(RIG.cameras[1], T_cam_world=back.inv())))
     rng = np.random.default_rng(5)
     for turn in (0.0, 20.0, 40.0):
-        T = RigidTransform.from_components(
-            [5.0, 8.0, 570.0], Rotation.from_euler("ZYX", [80, turn, 8], degrees=True)
-        )
+        T = pose([5.0, 8.0, 570.0], [80, turn, 8])
         found, axes, index = views(T, CODED, rng, rig, noise_px=0.03, limit_deg=70.0)
         assert not set(index[0]) & set(index[1])
         options = identify(rig, CODED, found, axes_px=axes)
         assert_identified(options, T, index)
         assert options[0].cameras == (0, 1)
-
-
-@pytest.mark.slow
-def test_mirror_images_of_one_view_are_told_apart_only_where_the_pixels_allow_it():
-    """Four markers in one plane have two poses, some degrees to tens of degrees apart."""
-    told = {0.02: [], 0.3: []}
-    for sigma, counts in told.items():
-        for T, rng in good_poses(CODED, 24, 6):
-            found, axes, index = views(T, CODED, rng, noise_px=0.02, limit_deg=70.0)
-            if len(index[0]) == 4:
-                options = identify(
-                    RIG,
-                    CODED,
-                    without(found, 1),
-                    IdentityParameters(sigma_px=sigma),
-                    without(axes, 1),
-                )
-                counts.append(len(options) == 1)
-                assert (
-                    min((apart_deg(option.T_world_handle, T) for option in options), default=0.0)
-                    < 5.0
-                )
-                assert len(options) != 1 or apart_deg(options[0].T_world_handle, T) < 5.0
-    assert np.mean(told[0.02]) > 0.7
-    assert np.mean(told[0.3]) < 0.3
 
 
 def test_one_marker_out_of_line_decides_where_it_is_seen():
@@ -224,10 +149,7 @@ def test_one_marker_out_of_line_decides_where_it_is_seen():
     """
     turn = {True: 0.0, False: 180.0}  # towards the cameras, or to the far side
     for seen, angle in turn.items():
-        facing_us = Rotation.from_euler("y", 180.0 + angle, degrees=True)
-        T = RigidTransform.from_components(
-            [0.0, 0.0, 560.0], Rotation.from_euler("z", 80, degrees=True) * facing_us
-        )
+        T = pose([0.0, 0.0, 560.0], [80, 180.0 + angle, 0])
         found, axes, index = views(T, NEARLY, np.random.default_rng(0))
         assert (1 in index[0]) == seen
         options = identify(RIG, NEARLY, found, axes_px=axes)
@@ -235,32 +157,14 @@ def test_one_marker_out_of_line_decides_where_it_is_seen():
         assert min(apart_deg(option.T_world_handle, T) for option in options) < 2.0
 
 
-def test_a_hidden_row_leaves_the_choice_open():
-    """Of `coded` the first row alone is seen, which looks the same after each turn by 60 deg."""
-    for T, rng in good_poses(CODED, 4, 7, TRIO):
-        found, axes, index = views(T, CODED, rng, TRIO)
-        rows = [k % 2 == 0 for k in index]
-        if len(set(np.concatenate([k[row] for k, row in zip(index, rows, strict=True)]))) >= 4:
-            found, axes = (
-                tuple(a[row] for a, row in zip(part, rows, strict=True)) for part in (found, axes)
-            )
-            assert len(identify(TRIO, CODED, found, axes_px=axes)) != 1
-
-
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_a_turned_camera_is_outvoted_by_two_and_not_believed_alone(seed):
     T, rng = next(good_poses(CODED, 1, seed, TRIO))
     axis = rng.normal(size=3)
-    turn = RigidTransform.from_rotation(
-        Rotation.from_rotvec(np.deg2rad(2.0) * axis / np.linalg.norm(axis))
-    )
-    turned = Rig(
-        (
-            TRIO.cameras[0],
-            replace(TRIO.cameras[1], T_cam_world=turn * TRIO.cameras[1].T_cam_world),
-            TRIO.cameras[2],
-        )
-    )
+    turn = motion([0, 0, 0], np.deg2rad(2.0) * axis / np.linalg.norm(axis))
+    first, second, third = TRIO.cameras
+    second = replace(second, T_cam_world=turn * second.T_cam_world)
+    turned = Rig((first, second, third))
     found, axes, _ = views(T, CODED, rng, turned)
     options = identify(TRIO, CODED, found, axes_px=axes)
     assert len(options) == 1
@@ -280,23 +184,20 @@ def test_a_camera_that_sees_another_handle_refutes_a_single_one():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("count", [0, 3, 8, pytest.param(18, marks=pytest.mark.heavy), 500])
+@pytest.mark.parametrize("count", [0, 8, 500])
 def test_blobs_alone_are_nothing(count):
     rng = np.random.default_rng(count)
-    for _ in range(4):
+    for _ in range(2):
         found = tuple(rng.uniform(10, 1014, (count, 2)) for _ in TRIO.cameras)
         axes = tuple(15 * rng.uniform(0.6, 1.3, (count, 1)) * [1.0, 0.8] for _ in TRIO.cameras)
         assert identify(TRIO, CODED, found, axes_px=axes) == []
         assert identify(TRIO, CODED, found) == []
-
-
-def test_too_few_are_nothing():
+    # and three markers are too few
     T, rng = next(good_poses(PAPER, 1, 4))
     found, _, index = views(T, PAPER, rng)
-    three = tuple(
-        uv[np.isin(k, np.intersect1d(*index)[:3])] for uv, k in zip(found, index, strict=True)
-    )
-    assert identify(RIG, PAPER, three) == []
+    three = np.intersect1d(*index)[:3]
+    few = tuple(uv[np.isin(k, three)] for uv, k in zip(found, index, strict=True))
+    assert identify(RIG, PAPER, few) == []
 
 
 def test_known_matches_limit_the_search():
@@ -310,20 +211,15 @@ def test_known_matches_limit_the_search():
 
 
 def test_choice_by_prior_and_without():
-    T = RigidTransform.from_components(
-        [0, 0, 560.0], Rotation.from_euler("ZYX", [85, 10, 5], degrees=True)
-    )
+    T = pose([0, 0, 560.0], [85, 10, 5])
     alike = equivalents(T, PAPER)
     assert len(alike) == 12
     for k, E in enumerate(alike):
-        prior = E * RigidTransform.from_rotation(Rotation.from_rotvec([0.1, 0.1, -0.1]))
-        assert choose(alike, prior) == (k, True)
+        assert choose(alike, E * motion([0, 0, 0], [0.1, 0.1, -0.1])) == (k, True)
     index, unambiguous = choose(alike, None)
     assert not unambiguous
     assert alike[index].rotation.magnitude() == min(E.rotation.magnitude() for E in alike)
-    between = alike[0] * RigidTransform.from_rotation(
-        Rotation.from_rotvec([0, np.deg2rad(29.0), 0])
-    )
+    between = alike[0] * motion([0, 0, 0], [0, np.deg2rad(29.0), 0])
     assert not choose(alike, between)[1]  # 29 deg from one and 31 deg from the next
     assert choose(alike[:1], None) == (0, True)
 
@@ -369,26 +265,18 @@ def test_labelled_pixels():
     assert np.isnan(uv).all(axis=2).sum() == 4
 
 
-@pytest.mark.parametrize("field", ["gate_px", "sigma_px", "min_markers", "max_residual_px"])
-def test_bad_parameters_are_value_errors(field):
-    with pytest.raises(ValueError, match=field):
-        IdentityParameters(**{field: -1})
-
-
-@pytest.mark.parametrize(
-    ("options", "word"),
-    [
-        ({"found": [np.ones((4, 2))]}, "found"),
-        ({"found": [np.ones((4, 2)), np.ones((4, 3))]}, "ccd2"),
-        ({"axes_px": [np.ones((4, 2)), np.ones((3, 2))]}, "axes_px"),
+def test_wrong_arguments_are_named():
+    for field in ("gate_px", "sigma_px", "min_markers", "max_residual_px"):
+        with pytest.raises(ValueError, match=field):
+            IdentityParameters(**{field: -1})
+    four = np.ones((4, 2))
+    for options, word in (
+        ({"found": [four]}, "found"),
+        ({"found": [four, np.ones((4, 3))]}, "ccd2"),
+        ({"axes_px": [four, four[:3]]}, "axes_px"),
         ({"matches": []}, "matches"),
-    ],
-)
-def test_bad_shapes_are_value_errors(options, word):
-    with pytest.raises(ValueError, match=word):
-        identify(RIG, PAPER, **{"found": [np.ones((4, 2)), np.ones((4, 2))], **options})
-
-
-def test_a_prior_is_one_pose():
+    ):
+        with pytest.raises(ValueError, match=word):
+            identify(RIG, PAPER, **{"found": [four, four], **options})
     with pytest.raises(ValueError, match="prior"):
         choose(equivalents(RigidTransform.identity(), PAPER), np.eye(4))

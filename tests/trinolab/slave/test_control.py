@@ -2,8 +2,6 @@
 end of reach.
 """
 
-from functools import partial
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -20,7 +18,7 @@ ROBOT = load_robot()
 INVERSE = Inverse(ROBOT)
 HOME = INVERSE.tool(ROBOT.home)
 TICKS = 17  # in a thirtieth of a second
-TIMES = np.arange(125) / 30
+TIMES = np.arange(60) / 30
 
 
 def at(way, turn=(0.0, 0.0, 0.0)):
@@ -32,12 +30,9 @@ def at(way, turn=(0.0, 0.0, 0.0)):
 def follow(targets):
     """Joint positions, speeds, and errors against the reference (mm, deg), a row a tick; the tool's
     last pose.
-
-    A target may be a function of the tool's pose at that moment.
     """
     command, ref, rows, tool = Command(ROBOT.home, np.zeros(6)), control.at_rest(HOME), [], HOME
     for target in targets:
-        target = target(tool) if callable(target) else target
         for _ in range(TICKS):
             after = control.step(ref, target, INVERSE.tick_s)
             command = INVERSE.step(command, ref.pose, after.pose)
@@ -71,7 +66,7 @@ def through_the_wrist(t):
     easy.
     """
     q = np.array(ROBOT.home)
-    q[4] += 1.5 * (1 - np.cos(2 * np.pi * t / 8))
+    q[4] += 1.5 * (1 - np.cos(2 * np.pi * t / 4))
     turn = Rotation.from_rotvec([0.02 * np.sin(7 * t), 0.02, 0])
     return forward(ROBOT, q) * RigidTransform.from_components([3, 5 * np.sin(3 * t), 2], turn)
 
@@ -96,30 +91,17 @@ def test_through_its_singular_pose_the_error_is_bounded_and_joints_do_not_chatte
 
 
 @pytest.mark.heavy
-def test_at_the_end_of_its_reach_the_arm_stays_and_comes_back():
-    out = [at([-700 * min(1, t / 3), 0, 0]) for t in np.arange(150) / 30]
-    held = []
-
-    def back(t, tool):
-        """From where the arm stays, a tenth of the way back; `t` is the share of half a second."""
-        held.append(tool)
-        return at((held[0].translation - HOME.translation) * (1 - 0.1 * t))
-
-    shares = [*np.arange(1, 16) / 15, 1.0, 1.0, 1.0]
-    q, speed, off, turn, _ = follow([*out, *(partial(back, t) for t in shares)])
+def test_at_the_end_of_its_reach_the_arm_stays():
+    q, speed, off, _, tool = follow([at([-700 * min(1, t / 3), 0, 0]) for t in np.arange(150) / 30])
     check_limits(q, speed)
-    at_the_end = TICKS * len(out)
-    assert off[:at_the_end].max() < 5.0
-    assert np.abs(speed[at_the_end - 500 : at_the_end]).max() < 0.05  # the last second
-    assert np.linalg.norm(held[0].translation - [0, 0, 89.159]) > 880
-    turned = np.rad2deg((held[0].rotation * HOME.rotation.inv()).magnitude())
-    assert turned < 2.0
-    assert off[-1] < 1.0
-    assert turn[-1] < 0.5
+    assert off.max() < 5.0
+    assert np.abs(speed[-500:]).max() < 0.05  # the last second
+    assert np.linalg.norm(tool.translation - [0, 0, 89.159]) > 880
+    assert np.rad2deg((tool.rotation * HOME.rotation.inv()).magnitude()) < 2.0
 
 
 def test_a_jump_of_the_command_is_followed_within_the_limits():
-    q, speed, off, _, tool = follow([HOME] * 30 + [at([100, 80, 78], [0, 0, np.pi / 3])] * 90)
+    q, speed, off, _, tool = follow([HOME] * 3 + [at([100, 80, 78], [0, 0, np.pi / 3])] * 40)
     check_limits(q, speed)
     assert off.max() < 5.0
     np.testing.assert_allclose(tool.translation, HOME.translation + [100, 80, 78], atol=0.01)
@@ -128,14 +110,7 @@ def test_a_jump_of_the_command_is_followed_within_the_limits():
 @settings(max_examples=8, deadline=None)
 @given(
     st.lists(
-        st.tuples(
-            st.floats(-2000, 2000),
-            st.floats(-2000, 2000),
-            st.floats(-2000, 2000),
-            st.floats(-3.1, 3.1),
-            st.floats(-3.1, 3.1),
-            st.floats(-3.1, 3.1),
-        ),
+        st.tuples(*[st.floats(-2000, 2000)] * 3, *[st.floats(-3.1, 3.1)] * 3),
         min_size=1,
         max_size=12,
     )
@@ -146,42 +121,32 @@ def test_no_stream_of_poses_exceeds_a_limit(stream):
     assert np.isfinite(q).all()
 
 
-@pytest.mark.parametrize("end", [-1, 1])
-def test_to_slow_down_is_always_allowed(end):
-    """A joint at an end of its range that still moves outwards: it may lose what one tick allows,
-    and no more.
+@pytest.mark.parametrize("way", [-1, 1])
+def test_bounds_of_a_joint_s_speed(way):
+    """At an end of its range a joint that still moves outwards may lose what one tick allows, and no
+    more; far from both ends only the highest speed stands in its way.
     """
     limits, dt = ROBOT.limits, INVERSE.tick_s
     change = limits.acceleration * dt
-    q = limits.low if end < 0 else limits.high
-    speed = end * 3 * change
-    low, high = control.speed_bounds(q, speed, limits, dt)
-    slower = speed - end * change
-    np.testing.assert_allclose(low if end < 0 else high, slower, atol=1e-12)
-    assert (low <= high + 1e-12).all()
-
-
-@pytest.mark.parametrize("way", [-1, 1])
-def test_a_joint_at_its_highest_speed_becomes_no_faster_either_way(way):
-    """Far from both ends of its range only the highest speed stands in its way."""
-    limits, dt = ROBOT.limits, INVERSE.tick_s
-    middle = (limits.low + limits.high) / 2
-    fastest = way * limits.speed
-    low, high = control.speed_bounds(middle, fastest, limits, dt)
-    slower = fastest - way * limits.acceleration * dt
-    np.testing.assert_allclose(low if way < 0 else high, fastest, rtol=1e-12)
-    np.testing.assert_allclose(high if way < 0 else low, slower, rtol=1e-12)
+    end, middle = limits.low if way < 0 else limits.high, (limits.low + limits.high) / 2
+    for q, speed, outward, inward in (
+        (end, 3 * change, 2 * change, 2 * change),
+        (middle, limits.speed, limits.speed, limits.speed - change),
+    ):
+        bounds = control.speed_bounds(q, way * speed, limits, dt)
+        found = bounds if way > 0 else (-bounds[1], -bounds[0])
+        np.testing.assert_allclose(found, (inward, outward), atol=1e-12)
 
 
 # --- the reference
 
 
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=2, deadline=None)
 @given(st.floats(-500, 500), st.floats(-3, 3))
 def test_a_reference_keeps_to_its_limits_and_comes_to_rest_without_overshooting(way, turn):
     p, target = ReferenceParameters(), at([way, 0, 0], [turn, 0, 0])
     ref, ways, turns, speeds = control.at_rest(HOME), [], [], []
-    for _ in range(1500):
+    for _ in range(1200):
         last, ref = ref, control.step(ref, target, 0.002)
         ways.append((ref.pose.translation - HOME.translation)[0])
         turns.append((ref.pose.rotation * HOME.rotation.inv()).magnitude())
@@ -198,9 +163,9 @@ def test_a_reference_keeps_to_its_limits_and_comes_to_rest_without_overshooting(
 
 def test_a_steady_motion_is_followed_one_time_constant_behind():
     p, ref = ReferenceParameters(rate=20.0), control.at_rest(HOME)
-    for k in range(1, 2001):
+    for k in range(1, 501):
         ref = control.step(ref, at([0.1 * k, 0, 0]), 0.002, p)  # 50 mm/s
-    assert 200.0 - (ref.pose.translation - HOME.translation)[0] == pytest.approx(50 / 20, rel=0.1)
+    assert 50.0 - (ref.pose.translation - HOME.translation)[0] == pytest.approx(50 / 20, rel=0.1)
 
 
 def test_the_leash_holds_a_reference_and_takes_its_speed_along_it():
@@ -211,7 +176,7 @@ def test_the_leash_holds_a_reference_and_takes_its_speed_along_it():
     assert control.leashed(held, HOME) is held
 
 
-@pytest.mark.parametrize("name", ["rate", "speed_mm_s", "turn_rad_s2", "leash_mm"])
-def test_parameters_that_are_refused(name):
-    with pytest.raises(ValueError, match=name):
-        ReferenceParameters(**{name: 0.0})
+def test_parameters_that_are_refused():
+    for name in ("rate", "speed_mm_s", "turn_rad_s2", "leash_mm"):
+        with pytest.raises(ValueError, match=name):
+            ReferenceParameters(**{name: 0.0})

@@ -38,6 +38,11 @@ def run(samples, parameters=None, state=START):
     return states[1:]
 
 
+def off(state):
+    """By how far the tool has moved."""
+    return state.target.translation - TOOL.translation
+
+
 def steadily(way, turn=(0, 0, 0), n=30, clutch=True):
     """A motion in n steps."""
     return [(moved(np.array(way) * k / n, np.array(turn) * k / n), clutch) for k in range(n + 1)]
@@ -51,12 +56,8 @@ def test_the_tool_moves_by_the_scale_along_the_aligned_axes(scale):
     swap = Rotation.from_matrix([[0, 0, 1], [1, 0, 0], [0, 1, 0]])  # x -> y -> z -> x
     p = MappingParameters(scale, alignment=swap, filtering=QUICK)
     last = run(steadily([30, 0, 6]), p)[-1]
-    np.testing.assert_allclose(
-        last.target.translation - TOOL.translation, scale * np.array([6, 30, 0]), atol=1e-3
-    )
-    np.testing.assert_allclose(
-        (last.target.rotation * TOOL.rotation.inv()).magnitude(), 0, atol=1e-9
-    )
+    np.testing.assert_allclose(off(last), scale * np.array([6, 30, 0]), atol=1e-3)
+    assert (last.target.rotation * TOOL.rotation.inv()).magnitude() < 1e-9
 
 
 @pytest.mark.parametrize(("turn_scale", "turn"), [(1.0, 0.5), (0.5, 0.8), (0.5, 4.0), (2.0, 2.5)])
@@ -70,47 +71,35 @@ def test_the_tool_turns_by_the_scale_also_beyond_half_a_turn(turn_scale, turn):
 
 def test_in_the_surveillance_picture_the_tool_moves_as_the_hand():
     """The camera looks along the base's +y, its picture upright: right is +x, down is -z."""
-    camera = Camera(
-        "surveillance",
-        (640, 480),
-        [[600, 0, 320], [0, 600, 240], [0, 0, 1]],
-        np.zeros(5),
-        RigidTransform.from_components(
-            [-500, -900, 120], Rotation.from_matrix([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
-        ).inv(),
-    )
+    R = Rotation.from_matrix([[1, 0, 0], [0, 0, 1], [0, -1, 0]])
+    T = RigidTransform.from_components([-500, -900, 120], R).inv()
+    camera = Camera("c", (640, 480), np.diag([600.0, 600.0, 1.0]), np.zeros(5), T)
     p = MappingParameters(alignment=mapping.alignment(camera), filtering=QUICK)
-    for way, (du, dv) in (([20, 0, 0], (1, 0)), ([0, 20, 0], (0, 1))):
-        uv = camera.project([TOOL.translation, run(steadily(way), p)[-1].target.translation])
-        np.testing.assert_allclose(np.sign((uv[1] - uv[0]).round(6)), [du, dv])
-    away = run(steadily([0, 0, 20]), p)[-1].target.translation
-    np.testing.assert_allclose(away - TOOL.translation, [0, 20, 0], atol=1e-3)
+    for way, tool in (
+        ([20, 0, 0], [20, 0, 0]),
+        ([0, 20, 0], [0, 0, -20]),
+        ([0, 0, 20], [0, 20, 0]),
+    ):
+        np.testing.assert_allclose(off(run(steadily(way), p)[-1]), tool, atol=1e-3)
 
 
 # --- the clutch
 
 
 def test_indexing_carries_the_tool_far_with_a_small_hand():
-    stroke = steadily([40, 0, 0], n=15) + [
-        (moved([40 * (1 - k / 15), 0, 0]), False) for k in range(16)
-    ]
-    states = run(stroke * 5, MappingParameters(filtering=QUICK))
-    np.testing.assert_allclose(
-        states[-1].target.translation - TOOL.translation, [200, 0, 0], atol=0.01
-    )
-    targets = np.array([state.target.translation for state in states])
-    assert np.abs(np.diff(targets, axis=0)).max() < 3.0  # no step larger than the hand's
-
-
-def test_nothing_moves_before_the_clutch_is_closed():
-    assert run(steadily([50, 50, 0], clutch=False))[-1].target is TOOL
+    back = [(moved([40 * (1 - k / 15), 0, 0]), False) for k in range(16)]
+    states = run((steadily([40, 0, 0], n=15) + back) * 5, MappingParameters(filtering=QUICK))
+    np.testing.assert_allclose(off(states[-1]), [200, 0, 0], atol=0.01)
+    steps = np.diff([off(state) for state in states], axis=0)
+    assert np.abs(steps).max() < 3.0  # no step larger than the hand's
+    # nothing moves before the clutch is closed
+    assert run(back)[-1].target is TOOL
 
 
 # --- the dead man
 
 
 def test_a_lost_pose_holds_until_the_clutch_is_closed_anew_and_then_without_a_jump():
-    p = MappingParameters(filtering=QUICK)
     states = run(
         [
             *steadily([30, 0, 0]),
@@ -119,58 +108,44 @@ def test_a_lost_pose_holds_until_the_clutch_is_closed_anew_and_then_without_a_ju
             *[(moved([90, 0, 0]), False)] * 2,
             *[(moved([90 + k, 0, 0]), True) for k in range(10)],
         ],
-        p,
-    )
-    held = states[40:71]
-    assert {state.held for state in held} == {"pose lost"}
-    for state in (*held, *states[71:73]):
-        np.testing.assert_allclose(
-            state.target.translation - TOOL.translation, [30, 0, 0], atol=1e-3
-        )
-    assert states[72].held == ""
-    np.testing.assert_allclose(states[73].target.translation, states[72].target.translation)
-    np.testing.assert_allclose(
-        states[-1].target.translation - TOOL.translation, [39, 0, 0], atol=1e-3
-    )
-
-
-def test_a_moment_without_a_pose_is_bridged():
-    states = run(
-        [*steadily([30, 0, 0]), (None, True), (None, True), *[(moved([33, 0, 0]), True)] * 3],
         MappingParameters(filtering=QUICK),
     )
-    assert {state.held for state in states} == {""}
-    np.testing.assert_allclose(
-        states[-1].target.translation - TOOL.translation, [33, 0, 0], atol=1e-3
-    )
+    # a moment without a pose is bridged
+    assert [state.held for state in states[31:34]] == [""] * 3
+    assert {state.held for state in states[40:71]} == {"pose lost"}
+    for state in (*states[40:71], *states[71:73]):
+        np.testing.assert_allclose(off(state), [30, 0, 0], atol=1e-3)
+    assert states[72].held == ""
+    np.testing.assert_allclose(off(states[73]), off(states[72]))
+    np.testing.assert_allclose(off(states[-1]), [39, 0, 0], atol=1e-3)
+
+
+AT_REST = moved([0, 0, 0])
 
 
 @pytest.mark.parametrize(
-    ("sample", "why"),
+    ("samples", "held"),
     [
-        ((moved([400, 0, 0]), True), "pose jumped"),
-        ((moved([0, 0, 0], [2.5, 0, 0]), True), "pose jumped"),
-        ((RigidTransform.from_translation([np.nan, 0, 0]), True), "pose not finite"),
+        # what no hand can do
+        ([(moved([400, 0, 0]), True), *[(AT_REST, True)] * 3], ["pose jumped"] * 4),
+        ([(moved([0, 0, 0], [2.5, 0, 0]), True), (AT_REST, True)], ["pose jumped"] * 2),
+        ([(RigidTransform.from_translation([np.nan, 0, 0]), True)], ["pose not finite"]),
+        # a prediction is followed for a moment only
+        ([(AT_REST, True, "predicted")] * 8, [""] * 4 + ["pose stale"] * 4),
     ],
 )
-def test_what_no_hand_can_do_holds(sample, why):
-    states = run([*steadily([0, 0, 0], n=5), sample, *[(moved([0, 0, 0]), True)] * 3])
-    assert [state.held for state in states[6:]] == [why] * 4
+def test_a_sample_that_cannot_be_used_holds(samples, held):
+    states = run([*steadily([0, 0, 0], n=5), *samples])
+    assert [state.held for state in states[6:]] == held
     assert states[-1].target.translation == pytest.approx(TOOL.translation)
 
 
-def test_a_prediction_is_followed_for_a_moment_only():
-    states = run([*steadily([0, 0, 0], n=5), *[(moved([0, 0, 0]), True, "predicted")] * 8])
-    assert [state.held for state in states[6:10]] == [""] * 4
-    assert states[-1].held == "pose stale"
-
-
-@pytest.mark.parametrize("t", [0.0, -1.0, np.nan, np.inf])
-def test_time_that_does_not_go_on_holds(t):
+def test_time_that_does_not_go_on_holds():
     state = run(steadily([0, 0, 0], n=5))[-1]
-    after = step(state, Sample(t, HANDLE, "measured", True))
-    assert after.held == "time went backwards"
-    assert after.t_s == state.t_s
+    for t in (0.0, state.t_s, np.nan, np.inf):
+        after = step(state, Sample(t, HANDLE, "measured", True))
+        assert after.held == "time went backwards"
+        assert after.t_s == state.t_s
 
 
 @pytest.mark.parametrize(("rate", "held"), [(5, "pose stale"), (30, ""), (200, "")])
@@ -179,8 +154,7 @@ def test_streams_of_other_rates(rate, held):
     for k in range(1, 2 * rate):
         state = step(state, Sample(k / rate, moved([10 * k / rate, 0, 0]), "measured", True))
     assert state.held == held
-    if not held:
-        assert 15 < (state.target.translation - TOOL.translation)[0] < 20
+    assert held or 15 < off(state)[0] < 20
 
 
 # --- the end of the reach
@@ -200,6 +174,8 @@ def test_beyond_the_reach_the_target_stays_and_a_hand_that_turns_round_is_follow
     np.testing.assert_allclose(x[:5], -460, atol=1e-3)
     np.testing.assert_allclose(x[-1], -480, atol=1e-3)
     assert not states[-1].limited
+    other_end = run(steadily([-150, 0, 0], n=60), p)[-1]
+    np.testing.assert_allclose(other_end.target.translation, [-600, -100, 120], atol=1e-3)
 
 
 # --- whatever comes
@@ -215,7 +191,7 @@ SAMPLES = st.tuples(
 
 
 @pytest.mark.slow
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(st.lists(SAMPLES, max_size=40))
 def test_whatever_comes_the_target_moves_only_as_a_hand_can_and_stays_within_reach(stream):
     p, state, t = MappingParameters(scale=2.0), START, 0.0
@@ -234,9 +210,8 @@ def test_whatever_comes_the_target_moves_only_as_a_hand_can_and_stays_within_rea
             assert state.held == ""
 
 
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
+def test_parameters_that_are_refused():
+    for field, value in (
         ("scale", 0.0),
         ("scale", np.nan),
         ("stale_s", -1.0),
@@ -244,45 +219,22 @@ def test_whatever_comes_the_target_moves_only_as_a_hand_can_and_stays_within_rea
         ("hand_mm_s", np.inf),
         ("reach_mm", ((0, 1), (0, 1))),
         ("reach_mm", ((1, 0), (0, 1), (0, 1))),
-    ],
-)
-def test_parameters_that_are_refused(field, value):
-    with pytest.raises(ValueError, match=field):
-        MappingParameters(**{field: value})
+    ):
+        with pytest.raises(ValueError, match=field):
+            MappingParameters(**{field: value})
 
 
 # --- the filter
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("speed", [10.0, pytest.param(100.0, marks=pytest.mark.heavy), 500.0])
+@pytest.mark.parametrize("speed", [10.0, 500.0])
 def test_the_filter_is_as_far_behind_as_it_says(speed):
     p, state = OneEuroParameters(), oneeuro.begin(0.0, HANDLE)
     for k in range(1, 1501):
         state = oneeuro.step(state, k / 1000, moved([speed * k / 1000, 0, 0]), p)
     behind = (speed * 1.5 + HANDLE.translation[0] - state.pose.translation[0]) / speed
     assert behind == pytest.approx(oneeuro.lag_s(speed, p.cutoff_hz, p.slope), rel=0.05)
-
-
-def test_at_rest_the_filter_takes_most_of_the_noise():
-    rng, p, state, found = (
-        np.random.default_rng(0),
-        OneEuroParameters(),
-        oneeuro.begin(0.0, HANDLE),
-        [],
-    )
-    for k in range(1, 600):
-        noisy = moved(rng.normal(0, 0.05, 3), rng.normal(0, np.deg2rad(0.5), 3))
-        state = oneeuro.step(state, k / 30, noisy, p)
-        found.append(
-            [
-                *(state.pose.translation - HANDLE.translation),
-                *(state.pose.rotation * HANDLE.rotation.inv()).as_rotvec(),
-            ]
-        )
-    scatter = np.std(found[60:], axis=0)
-    assert scatter[:3].max() < 0.05 * 0.6
-    assert scatter[3:].max() < np.deg2rad(0.5) * 0.6
 
 
 def test_the_filter_refuses_time_that_stands_still():

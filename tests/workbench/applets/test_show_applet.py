@@ -16,11 +16,6 @@ CHAPTERS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 DEPTH = {"sigma_px": 0.1}
 
 
-@pytest.fixture
-def attended(monkeypatch):
-    monkeypatch.delenv(UNATTENDED, raising=False)
-
-
 def calls(path):
     """Name and names of the arguments of each call of `show_applet` in a notebook."""
     for cell in nbformat.read(path, as_version=4).cells:
@@ -42,15 +37,10 @@ def test_every_applet_is_shown_with_its_parameters_in_a_notebook():
     assert sorted(shown) == sorted(scripts - {"shared"})
 
 
-def test_no_notebook_says_that_an_applet_stands_elsewhere():
-    for path in CHAPTERS:
-        text = path.read_text(encoding="utf-8")
-        assert "data-applet" not in text, path
-        assert "on the book's page, in a browser" not in text, path
-
-
-@pytest.mark.usefixtures("attended")
-def test_a_cell_shows_the_scripts_and_what_they_need_to_know():
+def test_a_cell_shows_the_scripts_and_what_they_need_to_know(monkeypatch):
+    monkeypatch.setenv(UNATTENDED, "1")
+    assert show_applet("depth", **DEPTH) is None  # in a sweep
+    monkeypatch.delenv(UNATTENDED)
     html = show_applet("depth", **DEPTH).data
     (known,) = re.findall(r'<script type="application/json">(.*?)</script>', html)
     known = json.loads(known)
@@ -59,17 +49,9 @@ def test_a_cell_shows_the_scripts_and_what_they_need_to_know():
     assert re.findall(r"trinolabApplets\.define\('(\w+)'", html) == ["depth"]
     assert html.count("<script") == html.count("</script>") == 3
     assert not re.search(r"https?://(?!www\.w3\.org)", html)  # no request
-
-
-def test_a_page_has_the_shared_part_once():
-    second = applet_html("depth", DEPTH, shared=False)
+    second = applet_html("depth", DEPTH, shared=False)  # a page has the shared part once
     assert "window.trinolabApplets = " not in second
     assert "<style>" not in second
-
-
-def test_in_a_sweep_nothing_is_shown(monkeypatch):
-    monkeypatch.setenv(UNATTENDED, "1")
-    assert show_applet("depth", **DEPTH) is None
 
 
 def test_what_is_wrong_is_said():

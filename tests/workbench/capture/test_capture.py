@@ -6,15 +6,17 @@ import signal
 import threading
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import DEFAULT, Mock
 
 import cv2
 import numpy as np
 import pytest
+from healthy import write_video
 from processes import CLI, ended, started, wait_until
 
 from trinolab.camera import Rig
 from trinolab.datasets import data_path, load_rig
-from trinolab.files import outputs, recording_writer
+from trinolab.files import recording_writer
 from trinolab.files.journal import locked
 from trinolab.files.recording import instants, open_folder, read_timestamps
 from trinolab.files.rigs import write_rig
@@ -40,19 +42,9 @@ def folder(tmp_path, monkeypatch, images):
     small = [replace(camera, size=SIZE) for camera in load_rig("paper_pair").cameras]
     write_rig(Rig(tuple(small)), tmp_path / "rig.toml")
     for c in range(2):
-        write_video(tmp_path / f"{c}.mkv", images[:, c])
+        write_video(tmp_path / f"{c}.mkv", images[:, c], fps=FPS)
     monkeypatch.chdir(tmp_path)
     return tmp_path
-
-
-def write_video(path, frames, fps=FPS):
-    height, width = frames[0].shape
-    writer = cv2.VideoWriter(
-        str(path), cv2.VideoWriter_fourcc(*"FFV1"), fps, (width, height), isColor=False
-    )
-    for frame in frames:
-        writer.write(frame)
-    writer.release()
 
 
 class Clock(threading.local):
@@ -144,12 +136,8 @@ VIDEOS = {"ccd2": "1.mkv", "ccd1": "0.mkv"}
 
 def test_videos_become_a_recording(folder, images):
     done = capture(VIDEOS, "r", "rig.toml", data_path("handles", "coded.toml"), preview=True)
-    assert sorted(path.name for path in folder.joinpath("r").iterdir()) == [
-        "handle.toml",
-        "images",
-        "rig.toml",
-        "timestamps.csv",
-    ]
+    names = sorted(path.name for path in folder.joinpath("r").iterdir())
+    assert names == ["handle.toml", "images", "rig.toml", "timestamps.csv"]
     assert not (folder / "r.partial").exists()
     found = list(instants(open_folder("r")[0]))
     np.testing.assert_array_equal([one.images for one in found], images)  # grey again, to the level
@@ -158,24 +146,18 @@ def test_videos_become_a_recording(folder, images):
     assert done.times_s[0] == 0
     assert done.times_s == pytest.approx(np.arange(12) / FPS)
     assert done.spread_s.tolist() == [0.0] * 12
-
-
-def test_without_a_rig_there_is_no_rig_file_and_any_size_will_do(folder, images):
+    # without a rig there is no rig file, and any size will do
     write_video(folder / "small.mkv", images[:, 0, :16])
-    capture({"left": "0.mkv", "right": "small.mkv"}, "r", fps=100.0)
-    assert sorted(path.name for path in Path("r").iterdir()) == ["images", "timestamps.csv"]
-    assert len(list(Path("r/images/right").iterdir())) == 12
-    # a hundred a second
-    assert read_timestamps("r/timestamps.csv") == pytest.approx(np.arange(12) / 100)
+    capture({"left": "0.mkv", "right": "small.mkv"}, "other", fps=100.0)
+    assert sorted(path.name for path in Path("other").iterdir()) == ["images", "timestamps.csv"]
+    assert len(list(Path("other/images/right").iterdir())) == 12
+    assert read_timestamps("other/timestamps.csv") == pytest.approx(np.arange(12) / 100)
 
 
 def test_cameras_are_asked_for_size_and_rate(cameras, folder):
     capture(TWO, "r", "rig.toml", seconds=0.03, fps=60.0)
-    assert cameras[1].asked == {
-        cv2.CAP_PROP_FPS: 60.0,
-        cv2.CAP_PROP_FRAME_WIDTH: 32,
-        cv2.CAP_PROP_FRAME_HEIGHT: 24,
-    }
+    size = {cv2.CAP_PROP_FRAME_WIDTH: 32, cv2.CAP_PROP_FRAME_HEIGHT: 24}
+    assert cameras[1].asked == {cv2.CAP_PROP_FPS: 60.0, **size}
     assert cameras[0].released
     cameras[0].asked = {}
     capture(TWO, "other", size=(64, 48), seconds=0.03)  # it may give another one
@@ -191,33 +173,26 @@ def test_the_time_is_the_middle_of_the_grabs(cameras):
 
 
 def test_frames_that_a_camera_has_kept_are_let_go(cameras, clock, monkeypatch):
-    class Kept(Device):
-        def grab(self):
-            clock.sleep(0.1 * (self.k >= 2))  # four frames are there at once
-            self.k += 1
-            return True
-
+    """Four are there at once."""
     monkeypatch.setattr(devices, "WAITED_S", 0.05)
-    cameras[0] = Kept()
+    cameras[0].at = {k: lambda: clock.sleep(0.1) for k in range(3, 20)}
     drain([open_source("a", "0"), open_source("b", "1")])
     assert cameras[0].k == 4  # the kept ones, one that had to be waited for, and one more
     assert cameras[1].k == 18  # it never waits as long: ten each time
 
 
-def test_seconds_end_it(cameras, tmp_path):
-    done = capture(TWO, tmp_path / "r", seconds=0.099)
-    # the next one would be at 0.1 s
-    assert done.times_s == pytest.approx(2 * GRAB_S * np.arange(25))
-
-
-def test_an_interruption_ends_it_and_keeps_what_was_taken(cameras, tmp_path):
-    cameras[1].frames, cameras[1].then = 7, KeyboardInterrupt()
+def test_an_interruption_ends_it_and_keeps_what_was_taken(cameras, tmp_path, monkeypatch):
+    """A second one, while images are still being written, says where they are."""
+    cameras[0].frames, cameras[0].then = 0, KeyboardInterrupt()
+    with pytest.raises(KeyboardInterrupt):
+        capture(TWO, tmp_path / "r")
+    assert list(tmp_path.iterdir()) == []  # before the first instant there is nothing
+    cameras |= {0: Device(), 1: Device(frames=7, then=KeyboardInterrupt())}
     done = capture(TWO, tmp_path / "r")
     assert len(done.times_s) == len(read_timestamps(tmp_path / "r" / "timestamps.csv")) == 7
     assert len(list((tmp_path / "r" / "images" / "ccd2").iterdir())) == 7
-
-
-def test_a_second_interruption_says_where_the_images_are(cameras, tmp_path, monkeypatch, capfd):
+    cameras |= {0: Device(), 1: Device(frames=7, then=KeyboardInterrupt())}
+    monkeypatch.setattr(files_capture, "drain", lambda _: None)  # its threads are joined, too
     real = threading.Thread.join
 
     def join(thread):
@@ -225,23 +200,9 @@ def test_a_second_interruption_says_where_the_images_are(cameras, tmp_path, monk
         if threading.current_thread() is threading.main_thread():
             raise KeyboardInterrupt
 
-    cameras[1].frames, cameras[1].then = 7, KeyboardInterrupt()
-    monkeypatch.setattr(files_capture, "drain", lambda _: None)  # its threads are joined, too
     monkeypatch.setattr(files_capture.Thread, "join", join)
-    monkeypatch.chdir(tmp_path)
-    assert cli.main(["capture", "--camera", "ccd1=0", "ccd2=1", "--out", "r"]) == 130
-    assert (
-        capfd.readouterr()
-        .err.splitlines()[-1]
-        .endswith(f"interrupted, what was written is in {tmp_path}/r.partial")
-    )
-
-
-def test_an_interruption_before_the_first_instant_leaves_nothing(cameras, tmp_path):
-    cameras[1].frames, cameras[1].then = 0, KeyboardInterrupt()
-    with pytest.raises(KeyboardInterrupt):
-        capture(TWO, tmp_path / "r")
-    assert list(tmp_path.iterdir()) == []
+    with pytest.raises(KeyboardInterrupt, match=r"what was written is in .*other\.partial"):
+        capture(TWO, tmp_path / "other")
 
 
 def test_what_the_disk_cannot_take_is_dropped_and_counted(cameras, tmp_path, monkeypatch):
@@ -267,45 +228,20 @@ def test_what_the_disk_cannot_take_is_dropped_and_counted(cameras, tmp_path, mon
     assert len(done.times_s) == taken - done.dropped
     times = read_timestamps(tmp_path / "r" / "timestamps.csv")
     assert len(times) == len(list((tmp_path / "r" / "images" / "ccd1").iterdir()))
+    assert times[-1] <= 0.4
     assert np.diff(times).max() > 50 * 2 * GRAB_S  # the gap stands in the times
 
 
-def test_a_queue_that_fills_is_written_without_compression(cameras, tmp_path, monkeypatch):
-    how, real, last = [], recording_writer.write_image, threading.Event()
-
-    def write(image, path, fast):
-        how.append(fast)
-        last.wait()
-        real(image, path, fast)
-
-    monkeypatch.setattr(files_capture, "QUEUE", 8)
-    monkeypatch.setattr(recording_writer, "write_image", write)
-    # the first instant is being written before there are more
-    cameras[0].at[2] = lambda: wait_until(lambda: how)
-    cameras[0].at[20] = last.set
-    done = capture(TWO, tmp_path / "r", seconds=0.3)
-    assert not how[0]
-    assert True in how
-    assert len(done.times_s) == len(how) / 2
-    grey = [
-        cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        for path in sorted((tmp_path / "r/images/ccd1").iterdir())
-    ]
-    assert len({image.shape for image in grey}) == 1
-
-
-def test_a_preview_is_kept_up_to_date(cameras, tmp_path, monkeypatch):
+def test_a_preview_is_kept_up_to_date_and_small(cameras, tmp_path, monkeypatch):
     seen, real = [], recording_writer.write_image
     monkeypatch.setattr(recording_writer, "write_image", lambda *a: (seen.append(a[:2]), real(*a)))
     monkeypatch.setattr(files_capture, "PREVIEW_S", 0.05)
     monkeypatch.setattr(files_capture, "QUEUE", 1000)
-    capture(TWO, tmp_path / "r", seconds=0.3, preview=True)
+    done = capture(TWO, tmp_path / "r", seconds=0.299, preview=True)
+    assert done.times_s == pytest.approx(2 * GRAB_S * np.arange(75))
     shown = [image for image, path in seen if path == tmp_path / "r.partial" / "preview.png"]
     assert len(shown) == 6  # of 75 instants, 4 ms apart, each 13th
     assert shown[0].shape == (24, 64)
-
-
-def test_preview_is_small_and_its_cameras_equally_high():
     image = side_by_side(
         [np.full((1024, 1280), 10, np.uint8), np.full((480, 640), 20, np.uint8)], 640
     )
@@ -323,6 +259,7 @@ def test_what_does_not_fit_leaves_no_folder(cameras, folder, images):
     (folder / "full").mkdir()
     (folder / "full" / "x").touch()
     (folder / "old.partial").mkdir()
+    (folder / "grows.partial").mkdir()
     before = sorted(folder.rglob("*"))
     none = Device(frames=0)
     for change, message in (
@@ -342,59 +279,38 @@ def test_what_does_not_fit_leaves_no_folder(cameras, folder, images):
         ({"out": "no/r"}, "no such folder to write into"),
         ({"out": "full"}, "full: exists already"),
         ({"out": "old"}, r"old\.partial: an unfinished recording"),
+        ({"out": "grows"}, r"grows\.partial: another process works on it$"),
     ):
         cameras[0] = change.pop("device", Device())
-        with pytest.raises(ValueError, match=message):
+        with locked(folder / "grows.partial"), pytest.raises(ValueError, match=message):
             capture(**{"cameras": VIDEOS, "out": "r", "rig": "rig.toml", **change})
         assert sorted(folder.rglob("*")) == before, message
 
 
-def test_a_recording_that_still_grows_is_not_called_unfinished(cameras, tmp_path):
-    (tmp_path / "r.partial").mkdir()
-    with (
-        locked(tmp_path / "r.partial"),
-        pytest.raises(ValueError, match=r"r\.partial: another process works on it$"),
-    ):
-        capture(TWO, tmp_path / "r")
-
-
-def test_it_is_kept_for_this_process_while_it_grows(cameras, tmp_path):
-    """As a second command sees it with the third instant."""
-    seen = []
-
-    def second():
-        try:
-            capture(TWO, tmp_path / "r")
-        except ValueError as error:
-            seen.append(str(error))
-
-    cameras[0].at[3] = second
-    capture(TWO, tmp_path / "r", seconds=0.2)
-    assert seen == [f"{tmp_path / 'r.partial'}: another process works on it"]
-
-
-def test_a_folder_that_another_process_makes_meanwhile_is_left_alone(cameras, tmp_path):
-    other = tmp_path / "r.partial" / "images" / "ccd1"
-    # with the first instant, before there is a folder
-    cameras[0].at[1] = lambda: other.mkdir(parents=True)
-    with pytest.raises(
-        ValueError, match=r"r\.partial: an unfinished recording; keep it by another name"
-    ):
-        capture(TWO, tmp_path / "r")
-    assert list((tmp_path / "r.partial").rglob("*")) == [tmp_path / "r.partial" / "images", other]
+FULL = OSError(28, "No space left on device")
 
 
 @pytest.mark.parametrize(
-    ("spoiled", "message"),
+    ("spoiled", "images", "message"),
     [
-        (Device(frames=5), "ccd2: delivers no image after 5 instants"),
-        (Device(sizes={6: (30, 24)}), "ccd2: 30 x 24 pixels after 5 instants, expected 32 x 24"),
+        (Device(frames=5), None, "ccd2: delivers no image after 5 instants"),
+        (
+            Device(sizes={6: (30, 24)}),
+            None,
+            "ccd2: 30 x 24 pixels after 5 instants, expected 32 x 24",
+        ),
+        (Device(), 11, r"000005\.png: cannot be written \(No space left on device\)"),
     ],
 )
-def test_a_camera_that_fails_ends_it_and_what_was_taken_is_kept(
-    cameras, tmp_path, spoiled, message
+def test_what_fails_ends_it_and_whole_instants_are_kept(
+    cameras, tmp_path, monkeypatch, spoiled, images, message
 ):
+    """A camera, or a disk that is full after so many images."""
     cameras[1] = spoiled
+    if images is not None:
+        results = [DEFAULT] * images + [FULL] * 1000
+        write = Mock(wraps=Path.write_bytes, side_effect=results)
+        monkeypatch.setattr(Path, "write_bytes", lambda path, data: write(path, data))
     with pytest.raises(ValueError, match=rf"{message}; the 5 instants before are kept in .*r$"):
         capture(TWO, tmp_path / "r")
     assert len(read_timestamps(tmp_path / "r" / "timestamps.csv")) == 5
@@ -402,72 +318,24 @@ def test_a_camera_that_fails_ends_it_and_what_was_taken_is_kept(
     assert not (tmp_path / "r.partial").exists()
 
 
-def test_a_video_that_ends_before_another_is_a_camera_that_stops(folder, images):
-    write_video(folder / "short.mkv", images[:4, 1])
-    with pytest.raises(
-        ValueError, match="ccd2: delivers no image after 4 instants; the 4 instants before are kept"
-    ):
-        capture({"ccd1": "0.mkv", "ccd2": "short.mkv"}, "r")
-
-
-def full_disk(monkeypatch, allowed, also_text):
-    """From the write of image number `allowed` on, the disk is full."""
-    real, left = Path.write_bytes, iter(range(allowed))
-
-    def write(path, data):
-        if next(left, None) is None:
-            raise OSError(28, "No space left on device")
-        return real(path, data)
-
-    def whole(path, _):
-        raise ValueError(f"{path}: cannot be written (No space left on device)")
-
-    monkeypatch.setattr(Path, "write_bytes", write)
-    if also_text:
-        monkeypatch.setattr(recording_writer, "write_whole", whole)
-
-
-def test_a_full_disk_ends_it_and_whole_instants_are_kept(cameras, tmp_path, monkeypatch):
-    full_disk(monkeypatch, 7, also_text=False)  # three instants and a half
-    with pytest.raises(
-        ValueError, match=r"000003\.png: cannot be written \(No space left.*the 3 instants before"
-    ):
-        capture(TWO, tmp_path / "r")
-    assert len(read_timestamps(tmp_path / "r" / "timestamps.csv")) == 3
-    assert [len(list((tmp_path / "r" / "images" / name).iterdir())) for name in TWO] == [3, 3]
-
-
-def test_a_full_disk_that_takes_no_times_leaves_the_images_unfinished(
-    cameras, tmp_path, monkeypatch
+@pytest.mark.parametrize(
+    ("images", "message"),
+    [
+        (7, r"No space left.*the images of 3 instants are in .*r\.partial"),
+        (0, r"000000\.png: cannot be written \(No space left on device\)$"),
+    ],
+)
+def test_a_full_disk_leaves_images_without_times_or_nothing(
+    cameras, tmp_path, monkeypatch, images, message
 ):
-    full_disk(monkeypatch, 7, also_text=True)
-    with pytest.raises(
-        ValueError, match=r"No space left.*the images of 3 instants are in .*r\.partial"
-    ):
+    write = Mock(wraps=Path.write_bytes, side_effect=[DEFAULT] * images + [FULL] * 1000)
+    monkeypatch.setattr(Path, "write_bytes", lambda path, data: write(path, data))
+    no_times = Mock(side_effect=ValueError("No space left on device"))
+    monkeypatch.setattr(recording_writer, "write_whole", no_times)
+    with pytest.raises(ValueError, match=message):
         capture(TWO, tmp_path / "r")
-    assert len(list((tmp_path / "r.partial" / "images" / "ccd1").iterdir())) == 3
-
-
-def test_a_disk_that_is_full_from_the_start_leaves_nothing(cameras, tmp_path, monkeypatch):
-    full_disk(monkeypatch, 0, also_text=False)
-    with pytest.raises(
-        ValueError, match=r"000000\.png: cannot be written \(No space left on device\)$"
-    ):
-        capture(TWO, tmp_path / "r")
-    assert list(tmp_path.iterdir()) == []
-    write_rig(load_rig("paper_pair"), tmp_path / "rig.toml")
-    monkeypatch.setattr(
-        outputs.os,
-        "replace",
-        lambda *_: (_ for _ in ()).throw(OSError(28, "No space left on device")),
-    )
-    for device in cameras.values():
-        device.size = (1280, 1024)
-    with pytest.raises(
-        ValueError, match=r"rig\.toml: cannot be written \(No space left on device\)$"
-    ):
-        capture(TWO, tmp_path / "r", tmp_path / "rig.toml")
-    assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
+    assert len(list(tmp_path.glob("r.partial/images/ccd1/*"))) == images // 2
+    assert (tmp_path / "r.partial").exists() == (images > 0)
 
 
 # --- as a command
@@ -490,37 +358,23 @@ capture.instants_of = instants_of
 )
 
 
-def test_command_says_what_it_recorded(folder, capfd):
-    assert (
-        cli.main(["capture", "--camera", "ccd1=0.mkv", "ccd2=1.mkv", "--out", "r", "--preview"])
-        == 0
-    )
-    out, _ = capfd.readouterr()
-    assert re.fullmatch(
-        r"12 instants in 0\.06 s \(200\.0 a second\), 0 dropped; the times are the videos'; "
-        r"written to r\n",
-        out,
-    )
-
-
 def test_command_judges_the_timing_of_cameras(cameras, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     line = ["capture", "--camera", "ccd1=0", "ccd2=1", "--out", "r", "--seconds", "0.099"]
     assert cli.main(line) == 0
     # 2 ms between the grabs, 4 ms between the instants; 300 mm/s times 2 ms, 0.1 mm by 2 ms
-    assert capfd.readouterr().out == (
-        "25 instants in 0.10 s (250.0 a second), 0 dropped; cameras within 2.0 ms (median), 2.0 ms "
-        "(longest); written to r\n"
-        "in 2.0 ms, as 95 % of the instants took, a hand at 300 mm/s moves 0.6 mm, and one at 50 mm/s "
-        "0.1 mm: fit for a slow hand, not for a quick one, if the cameras have a common trigger; else "
-        "their exposures may be another 4 ms apart (trinolab track says how many)\n"
-    )
+    out = capfd.readouterr().out
+    for words in (
+        "25 instants in 0.10 s (250.0 a second), 0 dropped; cameras within 2.0 ms (median)",
+        "a hand at 300 mm/s moves 0.6 mm, and one at 50 mm/s 0.1 mm: fit for a slow hand",
+        "another 4 ms apart",
+    ):
+        assert words in out
 
 
 @pytest.mark.parametrize(
     ("spread_ms", "said"),
     [
-        (449.0, "one at 0.22 mm/s 0.1 mm: fit for a handle at rest, not for a moving hand"),
         (5.1, "one at 20 mm/s 0.1 mm: fit for a handle at rest, not for a moving hand"),
         (4.9, "one at 20 mm/s 0.1 mm: fit for a slow hand, not for a quick one, if the cameras"),
         (0.3, "one at 3.3e+02 mm/s 0.1 mm: fit for a moving hand, if the cameras"),
@@ -552,47 +406,35 @@ def test_the_cameras_are_listed(cameras, tmp_path, monkeypatch, capfd):
         " 10  camera: there is no none/video10\n"
     )
     assert cameras[0].released
+    monkeypatch.setattr(devices, "ABOUT", tmp_path / "none")  # another system: all are tried
+    monkeypatch.setattr(devices, "open_index", lambda k: cameras.get(k, Closed()))
+    assert [(one.number, one.size) for one in devices.list_cameras()] == [(0, SIZE)]
+    monkeypatch.setattr(devices, "ABOUT", tmp_path)
     for index in (0, 1, 10):
         shutil.rmtree(tmp_path / f"video{index}")
     assert cli.main(["capture", "--list"]) == 0
     assert capfd.readouterr().out.startswith("no camera; a container")
 
 
-def test_another_system_has_no_list_and_its_cameras_are_tried(cameras, tmp_path, monkeypatch):
-    monkeypatch.setattr(devices, "ABOUT", tmp_path / "none")
-    monkeypatch.setattr(devices, "open_index", lambda k: cameras.get(k, Closed()))
-    assert [(one.number, one.size) for one in devices.list_cameras()] == [(0, SIZE), (1, SIZE)]
-
-
 def test_a_camera_that_cannot_be_opened_is_answered_by_those_that_are_there(tmp_path, monkeypatch):
     monkeypatch.setattr(devices, "open_index", lambda _: Closed())
     monkeypatch.setattr(devices, "DEVICES", tmp_path / "dev")
     monkeypatch.setattr(devices, "ABOUT", tmp_path / "none")
-    with pytest.raises(ValueError, match=r"a: camera 7 cannot be opened .*--list tries all$"):
-        open_source("a", "7")
+
+    def refusal():
+        with pytest.raises(ValueError, match="a: camera 7 cannot be opened") as caught:
+            open_source("a", "7")
+        return str(caught.value)
+
+    assert refusal().endswith("--list tries all")
     monkeypatch.setattr(devices, "ABOUT", tmp_path)
-    with pytest.raises(ValueError, match=r"\(there is no .*video7\); this computer has no camera$"):
-        open_source("a", "7")
+    assert re.search(r"\(there is no .*video7\); this computer has no camera$", refusal())
     (tmp_path / "video2").mkdir()
     (tmp_path / "dev").mkdir()
     (tmp_path / "dev" / "video7").touch()
-    with pytest.raises(
-        ValueError,
-        match=r"\(another program uses it, or it is no camera\); there are 2 \(no name\)$",
-    ):
-        open_source("a", "7")
+    assert re.search(r"\(another program uses it, .*\); there are 2 \(no name\)$", refusal())
     monkeypatch.setattr(devices.os, "access", lambda *_: False)
-    with pytest.raises(
-        ValueError, match=r"\(no permission for .*video7; its users are in the group"
-    ):
-        open_source("a", "7")
-
-
-def test_what_a_recording_needs_is_asked_for(capfd):
-    assert cli.main(["capture", "--camera", "a=0"]) == 2
-    assert capfd.readouterr().err == (
-        "trinolab capture: the following arguments are required: --out\n"
-    )
+    assert "its users are in the group" in refusal()
 
 
 def test_control_c_ends_the_command_normally(folder):

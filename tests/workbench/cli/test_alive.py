@@ -3,7 +3,6 @@
 import os
 import pty
 import re
-import sys
 import termios
 from contextlib import suppress
 
@@ -81,14 +80,3 @@ def test_without_a_terminal_nothing_is_shown(tmp_path):
         'until("one")', "time.sleep(0.5)"
     )
     assert ended(started("", code, cwd=tmp_path)) == (0, [])
-
-
-def test_a_line_of_the_log_stands_alone(monkeypatch, capsys):
-    from workbench.cli import alive
-
-    hushed = []
-    monkeypatch.setattr(alive, "hush", lambda: hushed.append(capsys.readouterr().err))
-    record = alive.logging.LogRecord("trinolab", 20, "", 0, "half of it is read", (), None)
-    alive.Quiet(sys.stderr).emit(record)
-    assert hushed == [""]
-    assert capsys.readouterr().err == "half of it is read\n"

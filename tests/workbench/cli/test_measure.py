@@ -14,9 +14,8 @@ from trinolab.files.poses import POSE_COLUMNS, read_poses, transforms, truth_tab
 from trinolab.measurement import Measurement
 from trinolab.metrics import geodesic_deg, nearest_equivalent, position_errors
 from trinolab.pose import LOST
-from workbench.cli import measure as measure_command
 from workbench.cli.measure import measure_folder
-from workbench.studies.replication import replicate, replicate_table1, replication_errors
+from workbench.studies.replication import replicate, replication_errors
 
 RIG, HANDLE = data_path("rigs", "paper_pair.toml"), data_path("handles", "paper.toml")
 CODED = data_path("handles", "coded.toml")
@@ -54,8 +53,19 @@ def coded(tmp_path_factory):
     return record(tmp_path_factory.mktemp("coded"), "coded", ROWS[1:], NAMES[1:])
 
 
-def test_without_a_prior_poses_are_ambiguous_and_in_the_order_of_names(recording, tmp_path):
-    table = measure_folder(RIG, HANDLE, recording / "images", tmp_path / "p.csv", progress=False)
+@pytest.fixture
+def measured(recording, tmp_path):
+    """Measure the recording, or another one, with options."""
+
+    def of(folder=recording, handle=HANDLE, **options):
+        out = tmp_path / "p.csv"
+        return measure_folder(RIG, handle, folder / "images", out, progress=False, **options)
+
+    return of
+
+
+def test_without_a_prior_poses_are_ambiguous_and_in_the_order_of_names(measured):
+    table = measured()
     assert list(table["status"]) == ["ambiguous"] * 3
     assert list(table["frame"]) == [0, 1, 2]
     truth, found = load_table1().set_poses[ROWS], transforms(table)
@@ -64,170 +74,44 @@ def test_without_a_prior_poses_are_ambiguous_and_in_the_order_of_names(recording
     assert geodesic_deg(turned, truth).max() < WORST_DEG
 
 
-def test_with_a_prior_poses_are_measured_and_written(recording, tmp_path):
-    table = measure_folder(
-        RIG,
-        HANDLE,
-        recording / "images",
-        tmp_path / "p.csv",
-        prior=recording / "truth.csv",
-        progress=False,
-    )
+def test_with_a_prior_poses_are_measured_and_written(measured, recording, tmp_path):
+    table = measured(prior=recording / "truth.csv")
     assert list(table["status"]) == ["measured"] * 3
     assert geodesic_deg(transforms(table), load_table1().set_poses[ROWS]).max() < WORST_DEG
     assert (table["sigma_mm"] > 0).all()
     assert (table["markers"] >= 4).all()
     written = read_poses(tmp_path / "p.csv")
     assert tuple(written.columns) == POSE_COLUMNS
-    assert np.allclose(
-        transforms(written).as_matrix(), transforms(table).as_matrix(), rtol=1e-8, atol=1e-8
-    )
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["p.csv"]
+    both = [transforms(one).as_matrix() for one in (written, table)]
+    assert np.allclose(*both, rtol=1e-8, atol=1e-8)
+    assert [path.name for path in tmp_path.iterdir()] == ["p.csv"]
 
 
-@pytest.mark.parametrize("method", ["reprojection", "patches", "best"])
-def test_better_methods_measure_to_hundredths_of_a_millimetre(coded, tmp_path, method):
-    table = measure_folder(RIG, CODED, coded / "images", tmp_path / "p.csv", method, progress=False)
-    truth = load_table1().set_poses[ROWS[1:]]
-    assert list(table["status"]) == ["measured"] * 2
-    # mm; twice the bound's three standard deviations
-    assert position_errors(transforms(table), truth).max() < 0.04
-    assert geodesic_deg(transforms(table), truth).max() < 0.3
-    assert (table["sigma_mm"] < 0.02).all()
-
-
-def test_a_checked_pose_is_the_papers_with_another_covariance(coded, tmp_path):
-    plain, checked = (
-        measure_folder(
-            RIG, CODED, coded / "images", tmp_path / "p.csv", "paper", progress=False, check=check
-        )
-        for check in (False, True)
-    )
-    off_mm = position_errors(transforms(plain), transforms(checked))
-    assert off_mm.max() < 1e-6
-    assert (plain["sigma_mm"] != checked["sigma_mm"]).all()
-
-
-def test_prior_is_joined_on_frame_and_chooses_the_equivalent(recording, tmp_path):
-    turned = load_table1().set_poses[ROWS[2]] * load_handle("paper").symmetries[3]
+def test_prior_is_joined_on_frame_and_chooses_the_equivalent(measured, tmp_path):
+    turned = load_table1().set_poses[ROWS[2:]] * load_handle("paper").symmetries[3]
     # a longer file has poses of other frames, too
     prior = truth_table(RigidTransform.concatenate([turned] * 2)).assign(frame=[2, 99])
     write_poses(prior, tmp_path / "prior.csv")
-    table = measure_folder(
-        RIG,
-        HANDLE,
-        recording / "images",
-        tmp_path / "p.csv",
-        prior=tmp_path / "prior.csv",
-        progress=False,
-    )
+    table = measured(prior=tmp_path / "prior.csv")
     assert list(table["status"]) == ["ambiguous", "ambiguous", "measured"]
-    found = RigidTransform.concatenate([transforms(table)[2]])
-    assert geodesic_deg(found, RigidTransform.concatenate([turned])).max() < WORST_DEG
+    assert geodesic_deg(transforms(table)[2:], turned).max() < WORST_DEG
 
 
-def test_a_coded_handle_needs_no_prior(coded, tmp_path):
-    table = measure_folder(RIG, CODED, coded / "images", tmp_path / "p.csv", progress=False)
-    assert list(table["status"]) == ["measured"] * 2
-    assert geodesic_deg(transforms(table), load_table1().set_poses[ROWS[1:]]).max() < WORST_DEG
-
-
-def one_instant(recording, root, change):
-    """A copy of the first instant with its images changed."""
-    for camera in ("ccd1", "ccd2"):
-        (root / camera).mkdir(parents=True)
-        image = cv2.imread(str(recording / "images" / camera / NAMES[0]), cv2.IMREAD_UNCHANGED)
-        cv2.imwrite(str(root / camera / "0.png"), change(image))
-    return root
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda grey: cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR),
-        lambda grey: grey.astype(np.uint16) * 257,
-    ],
-    ids=["colour", "16 bit"],
-)
-def test_colour_and_sixteen_bit_give_the_same_pose(recording, tmp_path, change):
-    tables = [
-        measure_folder(
-            RIG,
-            HANDLE,
-            one_instant(recording, tmp_path / name, how),
-            tmp_path / f"{name}.csv",
-            progress=False,
-        )
-        for name, how in (("grey", lambda grey: grey), ("other", change))
-    ]
-    poses = [transforms(table) for table in tables]
-    assert position_errors(*poses).max() < 1e-3  # mm; float32 grey levels
-    assert geodesic_deg(*poses).max() < 1e-2
-
-
-def test_dark_frames_are_lost_not_an_error(recording, tmp_path):
-    dark = one_instant(recording, tmp_path / "images", np.zeros_like)
-    table = measure_folder(RIG, HANDLE, dark, tmp_path / "p.csv", progress=False)
-    assert list(table["status"]) == ["lost"]
-    assert list(read_poses(tmp_path / "p.csv")["status"]) == ["lost"]
-
-
-@pytest.fixture
-def no_measuring(monkeypatch):
-    """Stops where an input should have been refused before."""
-
-    def measured(*_, **__):
-        raise AssertionError("an instant was measured")
-
-    monkeypatch.setattr(measure_command, "measure", measured)
-
-
-@pytest.mark.usefixtures("no_measuring")
-def test_bad_input_is_refused_before_anything_is_measured(recording, tmp_path):
-    out = tmp_path / "p.csv"
-    (tmp_path / "bad.csv").write_text("frame\n0\n")
-    write_poses(
-        truth_table(load_table1().set_poses[:2]).assign(frame=[3, 4]), tmp_path / "late.csv"
+def test_a_coded_handle_needs_no_prior_and_the_best_method_measures_to_hundredths(measured, coded):
+    """A checked pose is the paper's with another covariance."""
+    plain, checked, best = (
+        measured(coded, CODED, method=method, check=check)
+        for method, check in (("paper", False), ("paper", True), ("best", False))
     )
-    good = {
-        "rig": RIG,
-        "handle": HANDLE,
-        "images": recording / "images",
-        "out": out,
-        "progress": False,
-    }
-    for wrong, message in (
-        ({"rig": tmp_path / "no.toml"}, r"no\.toml: cannot be read"),
-        ({"rig": HANDLE}, r"paper\.toml: is a handle's file"),
-        ({"handle": RIG}, r"paper_pair\.toml: is a rig's file"),
-        ({"images": recording}, "ccd1: no such folder"),
-        ({"out": tmp_path / "bad.csv" / "p.csv"}, "no such folder to write into"),
-        ({"out": tmp_path}, "cannot be written"),
-        ({"method": "magic"}, "method: expected one of paper, .*best, got 'magic'"),
-        ({"method": "weighted"}, "method: 'weighted' is gone, take reprojection"),
-        ({"method": "best", "check": True}, "check: only the estimator paper has it"),
-        ({"prior": tmp_path / "bad.csv"}, r"bad\.csv: column 'x_mm' is missing"),
-        ({"prior": tmp_path / "late.csv"}, r"late\.csv: no frame in common with the images"),
-    ):
-        with pytest.raises(ValueError, match=message):
-            measure_folder(**{**good, **wrong})
-    assert not out.exists()
-
-
-def test_an_interruption_writes_nothing(recording, tmp_path, monkeypatch):
-    count = iter(range(3))
-
-    def interrupted(*_, **__):
-        if next(count) == 1:
-            raise KeyboardInterrupt
-        return Measurement(LOST, (), ())
-
-    monkeypatch.setattr(measure_command, "measure", interrupted)
-    (tmp_path / "p.csv").write_text("old")
-    with pytest.raises(KeyboardInterrupt):
-        measure_folder(RIG, HANDLE, recording / "images", tmp_path / "p.csv", progress=False)
-    assert (tmp_path / "p.csv").read_text() == "old"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["p.csv"]
+    truth = load_table1().set_poses[ROWS[1:]]
+    assert list(plain["status"]) == list(best["status"]) == ["measured"] * 2
+    assert geodesic_deg(transforms(plain), truth).max() < WORST_DEG
+    assert position_errors(transforms(plain), transforms(checked)).max() < 1e-6
+    assert (plain["sigma_mm"] != checked["sigma_mm"]).all()
+    # mm; twice the bound's three standard deviations
+    assert position_errors(transforms(best), truth).max() < 0.04
+    assert geodesic_deg(transforms(best), truth).max() < 0.3
+    assert (best["sigma_mm"] < 0.02).all()
 
 
 # --- the replication
@@ -240,13 +124,9 @@ def test_replication_is_the_same_for_the_same_seed():
     )
     assert np.array_equal(first, same)
     assert not np.array_equal(first, other)
-
-
-def test_replication_of_one_row():
-    errors = replicate_table1(load_rig("paper_pair"), load_handle("paper"), rows=slice(8, 9))
-    assert errors.n == 1
-    assert errors.E_t_mm < WORST_MM
-    assert errors.geodesic_max_deg < WORST_DEG
+    for seed in (-1, "0"):
+        with pytest.raises(ValueError, match="seed: expected a number"):
+            replicate([], rig, handle, seed)
 
 
 def test_lost_instants_are_left_out_of_the_errors():
@@ -258,9 +138,3 @@ def test_lost_instants_are_left_out_of_the_errors():
     assert errors.E_t_mm == pytest.approx(0.0, abs=1e-9)
     with pytest.raises(ValueError, match="measurements: all 2 are lost"):
         replication_errors([lost, lost], truth, load_handle("paper"))
-
-
-@pytest.mark.parametrize("seed", [-1, None, "0", np.nan])
-def test_replication_refuses_a_wrong_seed(seed):
-    with pytest.raises(ValueError, match="seed: expected a number"):
-        replicate([], load_rig("paper_pair"), load_handle("paper"), seed)

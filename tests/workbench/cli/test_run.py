@@ -97,19 +97,10 @@ def test_a_verdict_goes_on_and_a_mistake_does_not(project):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (None, "expected rig.toml in the folder, or a project.toml with a rig or a table"),
-        (
-            'handle = "coded"\n',
-            "expected rig.toml in the folder, or a project.toml with a rig or a table",
-        ),
-        (
-            f'rig = "paper_pair"\n{BOARD}',
-            "project.toml: expected a rig or a table calibrate, got both",
-        ),
-        (
-            'handel = "coded"\n',
-            "project.toml: expected rig, handle, video, fps, timestamps, bits and",
-        ),
+        (None, "expected rig.toml in the folder, or a project.toml with a rig"),
+        ('handle = "coded"\n', "expected rig.toml in the folder, or a project.toml with a rig"),
+        (f'rig = "paper_pair"\n{BOARD}', "expected a rig or a table calibrate, got both"),
+        ('handel = "coded"\n', "expected rig, handle, video, fps, timestamps, bits and"),
         ("calibrate = 3\n", "project.toml: calibrate: expected a table, got 3"),
         ("rig = \n", "project.toml: no valid TOML"),
         (BOARD.replace("columns", "colums"), "--colums, did you mean --columns?"),
@@ -124,9 +115,9 @@ def test_a_project_that_cannot_run_is_refused_before_anything_runs(
         (tmp_path / "project.toml").write_text(text)
     assert command_line("run .") == 2
     out, err = capfd.readouterr()
+    (refusal,) = err.splitlines()
+    assert said in refusal
     assert not out
-    assert said in err
-    assert len(err.splitlines()) == 1
 
 
 @pytest.mark.slow

@@ -1,7 +1,6 @@
 """The numbers of the exam's solutions, computed again with the package."""
 
 import re
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -146,11 +145,12 @@ def test_pose(version):
     T = pose.rigid_fit(np.array(version.handle, float), np.array(version.seen, float))
     assert_allclose(metrics.euler_deg(T), [version.turn, 0, 0], atol=1e-9)
     assert_allclose(T.translation, version.shift, atol=1e-9)
-    places = metrics.pose_from_euler_deg(np.zeros((2, 3)), np.zeros((2, 3)))
-    off = metrics.pose_from_euler_deg(
-        np.array([version.off_1, version.off_2], float), np.zeros((2, 3))
+    off = [version.off_1, version.off_2]
+    places, moved = (
+        metrics.pose_from_euler_deg(np.array(mm, float), np.zeros((2, 3)))
+        for mm in (np.zeros((2, 3)), off)
     )
-    assert_allclose(metrics.position_error(off, places), version.E_t)
+    assert_allclose(metrics.position_error(moved, places), version.E_t)
     was_set, measured = (
         metrics.pose_from_euler_deg(np.zeros((1, 3)), [[0.0, 0, gamma]])
         for gamma in (version.gamma_set, version.gamma_seen)
@@ -161,14 +161,10 @@ def test_pose(version):
 
 def test_tool_and_wall(version):
     # the camera's x, y, z in the base: right, down, away
-    R = Rotation.from_matrix(np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]).T)
-    surveillance = Camera(
-        "s",
-        (640, 480),
-        np.diag([500.0, 500, 1]),
-        np.zeros(5),
-        RigidTransform.from_rotation(R).inv(),
-    )
+    R = Rotation.from_matrix([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+    T_cam_world = RigidTransform.from_rotation(R).inv()
+    K = np.diag([500.0, 500, 1])
+    surveillance = Camera("s", (640, 480), K, np.zeros(5), T_cam_world)
     left, down, nearer = version.hand
     moved = version.scale * mapping.alignment(surveillance).apply([-left, down, -nearer])
     assert_allclose(moved, version.moved, atol=1e-9)
@@ -205,42 +201,8 @@ def test_the_failure_names_one_camera(version):
     assert suspects == {version.moved_camera}
 
 
-def test_what_is_printed_is_what_is_computed(version):
-    printed = {
-        "1": [version.u_left, version.v, version.u_right, version.disparity],
-        "3": [version.rod_frames, version.lamp_frames, version.quick_frames, version.noise_left],
-        "4": [version.mean_1, version.variance_1, version.mean_2, version.variance_2, version.nis],
-        "6": [version.off_line],
-        "9": [round(version.focal)],
-        "10": [round(version.design_baseline)],
-    }
-    for problem, values in printed.items():
-        for value in values:
-            words = rf"(?<![\d.]){re.escape(exam.number(value))}(?!\d|\.\d)"
-            assert re.search(words, version.solutions[problem]), (problem, value)
-
-
 def test_the_command_prints_a_version(capsys, tmp_path):
     assert exam.main(["--seed", "2"]) == 0
     assert capsys.readouterr().out == exam.exam(2, solutions=False)
     assert exam.main(["--solutions", "--out", str(tmp_path / "a.md")]) == 0
     assert (tmp_path / "a.md").read_text(encoding="utf-8") == exam.exam(0, solutions=True)
-
-
-def test_the_table_of_the_lesson():
-    """The plans' table of four rates: how long lamp and rod count as moving."""
-    plans = (Path(__file__).resolve().parents[3] / "book" / "teaching" / "plans.md").read_text()
-    rows = re.findall(
-        r"^\| (0\.\d+) \| (\d+) \| (\d+) frames, ([\d.]+) s \| (\d+) frames, ([\d.]+) s \|$",
-        plans,
-        re.M,
-    )
-    assert len(rows) == 4
-    for alpha, memory, *cells in rows:
-        rate = float(alpha)
-        assert float(memory) == 1 / rate
-        for (frames, seconds), jump in zip((cells[:2], cells[2:]), (22.5, 45.0), strict=True):
-            # a jump counts until it has faded to T = 15
-            left = jump * (1 - rate) ** np.arange(1000)
-            assert int(frames) == np.argmax(left <= 15)
-            assert seconds == f"{int(frames) / 30:.1f}"

@@ -1,19 +1,13 @@
-"""The exercises of chapters 5 to 8: what the chapters print as solutions is right, and so are the
-numbers that the graders know, by another way.
+"""Chapters 5 to 8: functions agree with the package's or with another algorithm, and values and the
+numbers in the solutions' texts with other ways to compute them.
 """
-
-import json
-import re
-import textwrap
-from itertools import groupby
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import ndimage
 from scipy.spatial.transform import RigidTransform, Rotation
 from scipy.special import j1
-from solutions import says
+from solutions import agrees, broken
 
 from trinolab import datasets, identity, matching, measurement, metrics, pose, triangulation
 from trinolab.bench import optics, scene
@@ -21,40 +15,27 @@ from trinolab.calibration import eq25, start
 from trinolab.camera import Camera, epipolar_lines, fundamental_matrix
 from trinolab.handle import facing_pixels
 from trinolab.parameters import Parameters
-from workbench.course.child import outcome
-from workbench.course.exercise import FunctionExercise
-from workbench.course.exercises import exercise, of_chapter
-from workbench.course.grading import call_of, judge_outcomes
-from workbench.studies import centroid_bias
+from workbench.course.exercises import exercise
+from workbench.course.grading import call_of
 
-NOTEBOOKS = Path(__file__).resolve().parents[3] / "notebooks"
+PLACES = datasets.load_table1().set_poses
+RIG, ROD = datasets.load_rig("paper_pair"), datasets.load_handle("paper")
 
 
-def printed(chapter, asked):
-    """The function that the chapter prints as the solution of an exercise."""
-    (file,) = NOTEBOOKS.glob(f"{chapter}_*.ipynb")
-    cells = json.loads(file.read_text(encoding="utf-8"))["cells"]
-    text = "\n\n".join("".join(one["source"]) for one in cells)
-    (solution,) = re.findall(rf"```{{solution}} {asked.label}\n(.*?)\n```\n", text, re.DOTALL)
-    lines = [line for line in solution.splitlines() if line.startswith("    ") or not line]
-    namespace = {}
-    exec(textwrap.dedent("\n".join(lines)), namespace)
-    return namespace[asked.name]
+def two_cameras(K_left, K_right, R, T):
+    """The package's cameras, the left one's frame the world."""
+    motions = RigidTransform.identity(), RigidTransform.from_components(T, Rotation.from_matrix(R))
+    pairs = zip(("left", "right"), (K_left, K_right), motions, strict=True)
+    return [Camera(name, (1280, 1024), K, np.zeros(5), motion) for name, K, motion in pairs]
 
 
-@pytest.mark.parametrize("chapter", ["05", "06", "07", "08"])
-def test_the_printed_code_is_right(chapter):
-    for asked in of_chapter(chapter):
-        if isinstance(asked, FunctionExercise):
-            function = printed(chapter, asked)
-            outcomes = [outcome(function, case) for case in call_of(asked).cases]
-            assert judge_outcomes(asked, outcomes).right, asked.number
+# Chapter 5
 
 
 def test_the_longest_plateau_by_another_labelling():
     """SciPy's labels, and a plain search for the longest run."""
 
-    def by_scipy(image):
+    def longest_run(image):
         image = np.array(image)
         counts = [ndimage.label(image > t, np.ones((3, 3)))[1] for t in range(image.max())]
         runs = [
@@ -70,74 +51,75 @@ def test_the_longest_plateau_by_another_labelling():
 
     asked = exercise("05.3")
     for (image,) in call_of(asked).cases:
-        assert np.array_equal(asked.solution(image), by_scipy(image), equal_nan=True)
+        assert np.array_equal(asked.solution(image), longest_run(image), equal_nan=True)
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_before_a_bright_background_no_plateau_is_long(seed):
-    """The solution says so: three thresholds at most, where the standard scene has dozens."""
-
-    def longest(image):
-        counts = [ndimage.label(image > t, np.ones((3, 3)))[1] for t in range(image.max())]
-        return max(len(list(run)) for count, run in groupby(counts) if count >= 4)
-
-    cases = centroid_bias.hostile_stills(optics.Bench(read_noise=1.5), np.random.default_rng(seed))
-    assert longest(cases["bright background"].image) <= 3
-    assert longest(cases["standard scene"].image) > 24
-
-
-def test_the_values_of_chapter_5():
-    """The bias by adding up strips, the search step by step, the better centres in an image."""
+def test_bias_scatter_and_thresholds():
+    """The bias by adding up strips, the search step by step."""
     rho, radius, theta = 0.75, 5.0, np.deg2rad(65)
     a = np.linspace(-rho, rho, 100_001)
     weight = np.sqrt(rho**2 - a**2) * np.cos(theta + a / radius)
     place = radius * np.sin(theta + a / radius)
     off_mm = radius * np.sin(theta) - (place * weight).sum() / weight.sum()
-    asked = exercise("05.1").asked
-    assert abs(off_mm * 5.214 - asked["bias_px"].value) < asked["bias_px"].within / 2
+    agrees("05.1", share=0.5, bias_px=off_mm * 5.214)
 
-    low, high, thresholds, counts = 45.0, 220.0, [], []
+    def scatter(R, sigma):
+        return sigma * (R + 2) ** 2 / (2 * np.sqrt(np.pi) * R**2 * 120)
+
+    agrees("05.1", scatter_px=scatter(3.9, 3.1))
+    agrees("05.4", scatter_px=scatter(7.8, np.sqrt(0.05 * 150 + 6.0**2)))
+
+    low, high, thresholds = 45.0, 220.0, []
     while high - low >= 1:
-        thresholds.append((low + high) / 2)
-        counts.append(8 if thresholds[-1] > 120 else 4)
-        high = thresholds[-1]
-    right = exercise("05.2").answer
-    assert [counts[0], counts[-1], len(counts)] == [
-        right["first_count"],
-        right["last_count"],
-        right["thresholds"],
-    ]
-    assert abs(thresholds[-1] - right["last_threshold"]) < 1e-3
+        high = (low + high) / 2
+        thresholds.append(high)
+    agrees("05.2", thresholds=len(thresholds), last_threshold=high)
+    agrees("05.2", first_count=8 if thresholds[0] > 120 else 4, last_count=8 if high > 120 else 4)
 
 
-def test_the_better_centres():
-    """Exercise 5.5, in the frames that it names."""
-    rig, handle = datasets.load_rig("paper_pair"), datasets.load_handle("paper")
-    truth = datasets.load_table1().set_poses[9]
-    frames = scene.render_rig(rig, handle, truth, optics.Bench(), np.random.default_rng(0))
-    seen = measurement.measure(frames, rig, handle, truth, Parameters(estimator="paper"))
-    uv = identity.labelled_pixels(seen.labels, [one.uv for one in seen.found], 12)
+def test_centroids_that_are_moved():
+    truth = PLACES[9]
+    frames = scene.render_rig(RIG, ROD, truth, optics.Bench(), np.random.default_rng(0))
+    seen = measurement.measure(frames, RIG, ROD, truth, Parameters(estimator="paper"))
+    uv = identity.labelled_pixels(seen.labels, [spots.uv for spots in seen.markers], 12)
     T = seen.pose.T_world_handle
     epsilon = 0.3
     share = 1 - (j1(2 * epsilon) / (2 * epsilon)) / (j1(epsilon) / epsilon)
-    centres = T.apply(handle.marker_centres)
-    for k, camera in enumerate(rig.cameras):
+    centres = T.apply(ROD.marker_centres)
+    off = []
+    for camera, found in zip(RIG.cameras, uv, strict=True):
         e = np.cross(T.rotation.apply([0, 1, 0]), camera.centre - centres)
         e /= np.linalg.norm(e, axis=1, keepdims=True)
-        sine = (T.rotation.apply(np.array(handle.marker_normals)) * e).sum(axis=1, keepdims=True)
-        moved = uv[k] + camera.project(centres) - camera.project(centres - 5 * sine * share * e)
-        true = camera.project(truth.apply(handle.marker_centres))
-        uv[k] = np.linalg.norm([uv[k] - true, moved - true], axis=2).T  # before, after
-    rms = np.sqrt(np.nanmean(uv**2, axis=(0, 1)))
-    for value, asked in zip(rms, exercise("05.5").asked.values(), strict=True):
-        assert abs(value - asked.value) < asked.within
+        sine = (T.rotation.apply(np.array(ROD.marker_normals)) * e).sum(axis=1, keepdims=True)
+        moved = found + camera.project(centres) - camera.project(centres - 5 * sine * share * e)
+        true = camera.project(truth.apply(ROD.marker_centres))
+        off.append(np.linalg.norm([found - true, moved - true], axis=2))
+    before, after = np.sqrt(np.nanmean(np.square(off), axis=(0, 2)))
+    agrees("05.5", share=1, before_px=before, after_px=after)
 
 
-def two_cameras(K_left, K_right, R, T):
-    """The package's cameras, the left one's frame the world."""
-    motions = RigidTransform.identity(), RigidTransform.from_components(T, Rotation.from_matrix(R))
-    pairs = zip(("left", "right"), (K_left, K_right), motions, strict=True)
-    return [Camera(name, (1280, 1024), K, np.zeros(5), motion) for name, K, motion in pairs]
+def test_centroids_to_the_upper_left():
+    v, u = np.indices((31, 31))
+
+    def off(function, radius, noise=0.0):
+        inside = np.clip(radius + 0.5 - np.hypot(u - 15, v - 15), 0, 1)
+        ground = noise * np.random.default_rng(0).random(u.shape)
+        return function(45 + ground + 175 * inside, 15, 15, 6) - 15
+
+    asked = exercise("05.6")
+    assert np.allclose(off(broken("05.6"), 3.0), 0)
+    assert np.all((off(broken("05.6"), 6.0) < -0.05) & (off(broken("05.6"), 6.0) > -0.5))
+    assert np.all(off(broken("05.6"), 3.0, noise=12.0) < -0.01)
+    assert np.allclose(off(asked.solution, 6.0), 0)
+    for image, column, row, half in call_of(asked).cases:
+        window = image[row - half : row + half + 1, column - half : column + half + 1]
+        y, x = ndimage.center_of_mass(window - window.min())
+        assert np.allclose(
+            asked.solution(image, column, row, half), [column - half + x, row - half + y]
+        )
+
+
+# Chapter 6
 
 
 def test_epipolar_lines_are_the_package_s_and_scatter_as_expected():
@@ -156,9 +138,6 @@ def test_epipolar_lines_are_the_package_s_and_scatter_as_expected():
         off = (lines * np.column_stack([drawn[1], np.ones(4000)])).sum(axis=1)
         expected = scatter(fundamental_matrix(left, right), uv, other, sigma)
         assert abs(off.std() / expected - 1) < 0.05
-    rows = np.array([[0.0, 0, 0], [0, 0, -1], [0, 1, 0]])
-    beside = scatter(rows, [50.0, 60.0], [30.0, 60.0], 0.3)
-    says("06.5", f"it is $\\sqrt2\\,\\sigma$, {beside:.2f} px", f"are {2 / beside:.1f} standard")
 
 
 def test_noise_costs_the_correlation_that_is_expected():
@@ -169,21 +148,31 @@ def test_noise_costs_the_correlation_that_is_expected():
         views = [patch + rng.normal(0, sigma, patch.shape) for sigma in (left, right)]
         assert abs(matching.ncc(*views) - solution(patch, left, right)) < 0.005
     assert abs(solution([[9.0, -9.0]], 3.0, 3.0) - 0.9) < 1e-12
-    says("06.4", "a patch whose grey levels have a standard deviation of 9")
 
 
-def test_the_values_of_chapter_6():
-    """Spots drawn at random, and nails seen by cameras."""
+def test_spots_and_nails():
     rng = np.random.default_rng(0)
     beside = np.abs(rng.uniform(0, 320, (100_000, 5)) - 160)
     wrong = exercise("06.1").asked["wrong"].value
     assert abs((beside < 2).sum(axis=1).mean() - wrong) < 4 * np.sqrt(wrong / 100_000)
+    cameras = two_cameras(np.eye(3), np.eye(3), np.eye(3), [-100, 0, 0])
+    steps = [np.diff(one.project([[50, 0, 550], [50, 0, 570]])[:, 0])[0] for one in cameras]
+    agrees("06.2", share=1e-6, left_step=steps[0], right_step=steps[1])
 
-    left, right = two_cameras(np.eye(3), np.eye(3), np.eye(3), [-100, 0, 0])
-    nails = [[50, 0, 550], [50, 0, 570]]
-    steps = [np.diff(camera.project(nails)[:, 0])[0] for camera in (left, right)]
-    right_ones = exercise("06.2").answer
-    assert np.allclose(steps, [right_ones["left_step"], right_ones["right_step"]], atol=1e-12)
+
+def test_lines_miss_when_the_world_is_not_the_left_camera():
+    rng = np.random.default_rng(0)
+    R, T = Rotation.from_rotvec([0.02, -0.17, 0.01]).as_matrix(), np.array([-97.0, 2.0, 9.0])
+    world = Rotation.from_rotvec(rng.normal(0, 0.3, 3)).as_matrix()
+    shift = np.array([30.0, -200.0, 560.0])
+    on_table = (world, shift, R @ world, R @ shift + T)
+    for function, right in ((broken("06.8"), False), (exercise("06.8").solution, True)):
+        assert np.allclose(function(np.eye(3), np.zeros(3), R, T)[1], T)
+        assert np.allclose(function(*on_table)[1], T) is right
+        assert np.allclose(function(*on_table)[0], R)
+
+
+# Chapter 7
 
 
 def test_the_square_lens_agrees_with_zhang_s():
@@ -202,21 +191,26 @@ def test_the_square_lens_agrees_with_zhang_s():
     assert compared >= 2
 
 
-def test_the_values_of_chapter_7():
+def test_motions_and_positions_of_a_board():
     """The motion by the package, the number of positions by search."""
-    answer = exercise("07.1").answer
-    for degrees, names in ((0, ("T_x",)), (30, ("turned_x", "turned_z"))):
+    found = {}
+    for degrees in (0, 30):
         left = RigidTransform.identity()  # of the board, which is the left camera's frame
         rotation = Rotation.from_euler("y", degrees, degrees=True)
         right = RigidTransform.from_components([100, 0, 0], rotation).inv()
-        T = eq25.relative_pose(right, left).translation[[0, 2]]  # of the left in the right
-        assert np.allclose(T[: len(names)], [answer[name] for name in names], rtol=0, atol=1e-2)
+        found[degrees] = eq25.relative_pose(right, left).translation  # of the left in the right
+    agrees("07.1", T_x=found[0][0], turned_x=found[30][0], turned_z=found[30][2])
 
     positions = np.arange(14, 1000)
     enough = positions[0.165 * np.sqrt(14 / positions) <= 0.031][0]
-    asked = exercise("07.2").asked
-    assert abs(enough - asked["positions"].value) <= 1
-    assert abs(np.sqrt(enough / 14) - asked["noise_factor"].value) < 0.01
+    agrees("07.2", positions=enough, noise_factor=np.sqrt(enough / 14))
+
+    noise = 0.165 * np.sqrt(14)
+    single, averaged = noise / np.sqrt(28), noise / np.sqrt(20 * 4)
+    agrees("07.8", single_mm=single, averaged_mm=averaged, factor=np.hypot(1, 1))
+
+
+# Chapter 8
 
 
 def test_a_point_and_a_fit_are_the_package_s():
@@ -249,59 +243,61 @@ def test_the_midpoint_is_nearest_to_both_rays():
         assert np.allclose(asked.solution(*rays), nearest, rtol=0, atol=1e-6)  # mm
 
 
-def test_the_values_of_chapter_8():
-    """Scatter drawn at random, the point with the wrong baseline, the mirrored fits."""
+def test_scatter_of_depth_and_a_baseline_with_the_other_sign():
     rng = np.random.default_rng(0)
     f, baseline, depth = 2950.0, 99.0, 570.0
     noise = rng.normal(0, 0.1, (2, 200_000))
     z = f * baseline / (f * baseline / depth + noise[0] - noise[1])
-    x = z * noise[0] / f
-    asked = exercise("08.1").asked
-    assert abs(z.std() - asked["sigma_z"].value) < asked["sigma_z"].within
-    assert abs(x.std() - asked["sigma_x"].value) < asked["sigma_x"].within
+    agrees("08.1", share=1, sigma_z=z.std(), sigma_x=(z * noise[0] / f).std())
 
     K = np.diag([1000.0, 1000, 1])
     file = two_cameras(K, K, np.eye(3), [100, 0, 0])  # as it is in the file: at x = -100
     answer = exercise("08.2").answer
-    point = [answer["x"], 30, answer["z"]]
-    images = [(K @ one.T_cam_world.apply(point)) for one in file]
+    images = [K @ one.T_cam_world.apply([answer["x"], 30, answer["z"]]) for one in file]
     assert np.allclose([uv[:2] / uv[2] for uv in images], [[50, -75], [-200, -75]])
 
-    rod = datasets.load_handle("paper").marker_centres
-    mirrored = {}
-    for count in (4, 12):
-        mirrored[count] = 0
+
+def test_mirrored_fits():
+    rng = np.random.default_rng(0)
+    mirrored = {4: 0, 12: 0}
+    for count in mirrored:
+        rod = ROD.marker_centres[:count]
         for turn in Rotation.random(100, rng=rng):
-            measured = rod[:count] @ turn.as_matrix().T + rng.normal(0, 0.05, (count, 3))
-            of, on = (points - points.mean(axis=0) for points in (measured, rod[:count]))
+            measured = rod @ turn.as_matrix().T + rng.normal(0, 0.05, (count, 3))
+            of, on = (points - points.mean(axis=0) for points in (measured, rod))
             U, S, Vt = np.linalg.svd(of.T @ on)
             mirrored[count] += np.linalg.det(U @ Vt) < 0
             assert (S[2] < 1e-9 * S[0]) == (count == 4)
-    asked = exercise("08.6").asked
-    assert abs(mirrored[4] - asked["of_four"].value) < asked["of_four"].within
-    assert mirrored[12] == 0
-    assert asked["of_twelve"].value == "none"
+    agrees("08.6", share=1, of_four=mirrored[4], of_twelve="some" if mirrored[12] else "none")
 
 
 def test_weights_help_against_noise_alone():
     """Exercise 8.7, in fewer draws."""
-    rig, handle = datasets.load_rig("raised_40deg"), datasets.load_handle("paper")
-    truths = datasets.load_table1().set_poses
     rng = np.random.default_rng(0)
+    rig = datasets.load_rig("raised_40deg")
     fits = [], []
-    for T in truths:
-        uv = np.stack([facing_pixels(handle, camera, T, 70.0) for camera in rig.cameras])
+    for T in PLACES:
+        exact = np.stack([facing_pixels(ROD, camera, T, 70.0) for camera in rig.cameras])
         for _ in range(3):
-            noisy = uv + rng.normal(0, 0.1, uv.shape)
-            plain = triangulation.triangulate(rig, noisy)
-            weighted, _ = triangulation.triangulate_weighted(rig, noisy, 0.1)
+            uv = exact + rng.normal(0, 0.1, exact.shape)
+            plain = triangulation.triangulate(rig, uv)
+            weighted, _ = triangulation.triangulate_weighted(rig, uv, 0.1)
             for some, points in zip(fits, (plain, weighted), strict=True):
-                some.append(pose.rigid_fit(handle.marker_centres, points))
-    repeated = truths[np.repeat(np.arange(20), 3)]
+                some.append(pose.rigid_fit(ROD.marker_centres, points))
+    repeated = PLACES[np.repeat(np.arange(20), 3)]
     plain, weighted = (
         metrics.pose_errors(RigidTransform.concatenate(some), repeated).geodesic_mean_deg
         for some in fits
     )
     # 60 fits scatter twice as much as the 200 of the exercise
-    asked = exercise("08.7").asked["noise_ratio"]
-    assert abs(weighted / plain - asked.value) < 2 * asked.within
+    agrees("08.7", share=2, noise_ratio=weighted / plain)
+
+
+def test_a_camera_that_is_turned_by_5_degrees_is_off_by_10():
+    turn = Rotation.from_rotvec([0, 5, 0], degrees=True)
+    points = np.random.default_rng(0).normal(0, 50, (6, 3)) + [0, 0, 560]
+    wrong = broken("08.8")(points, turn.as_matrix(), np.zeros(3))
+    right = exercise("08.8").solution(points, turn.as_matrix(), np.zeros(3))
+    assert np.allclose(right, turn.inv().apply(points))
+    between, _ = Rotation.align_vectors(wrong, right)
+    assert np.rad2deg(between.magnitude()) == pytest.approx(10)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from trinolab.files.journal import locked
 from workbench.films import video
 from workbench.films.video import Film
 
@@ -13,12 +12,6 @@ PICTURE = np.zeros((32, 48, 3), np.uint8)
 def test_another_ending_is_refused(tmp_path):
     with pytest.raises(ValueError, match=r"film.avi: expected a name that ends in .webm"):
         Film(tmp_path / "film.avi", 30.0)
-
-
-def test_a_film_that_somebody_else_writes_is_refused_by_its_own_name(tmp_path):
-    path = tmp_path / "film.webm"
-    with locked(tmp_path / ".film.partial.webm"), pytest.raises(ValueError, match=r"/film.webm"):
-        Film(path, 30.0).__enter__()
 
 
 def filmed(path, fps):

@@ -8,15 +8,12 @@ import sys
 from pathlib import Path
 
 import nbformat
-import pandas as pd
 import pytest
 import yaml
 from makenotebook import glued, make_notebook
 
-from trinolab.bench import rendering
 from workbench.pages import build
 from workbench.studies.ground_truth import read_recording
-from workbench.studies.protocol import load_claims
 
 ROOT = Path(__file__).resolve().parents[3]
 KILLS_ITSELF = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
@@ -25,17 +22,12 @@ KILLS_ITSELF = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
 @pytest.fixture
 def book(tmp_path, monkeypatch):
     """A book of two chapters, in a folder of its own."""
-    for name, path in {
-        "ROOT": "",
-        "EXECUTED": "_build/executed",
-        "MADE_FROM": "_build/made_from.json",
-        "CACHE": "_build/.jupyter_cache",
-        "SCOREBOARD": "_build/scoreboard.csv",
-        "NEW_SCOREBOARD": "_build/scoreboard.new.csv",
-        "GENERATED": "_build/generated",
-        "SECONDS": "_build/seconds.json",
-    }.items():
-        monkeypatch.setattr(build, name, tmp_path / path)
+    monkeypatch.setattr(build, "ROOT", tmp_path)
+    for name in (
+        *("EXECUTED", "MADE_FROM", "CACHE", "SCOREBOARD", "NEW_SCOREBOARD"),
+        *("GENERATED", "SECONDS"),
+    ):
+        monkeypatch.setattr(build, name, tmp_path / "_build" / getattr(build, name).name)
     build.EXECUTED.mkdir(parents=True)
     (tmp_path / "notebooks").mkdir()
     (tmp_path / "_toc.yml").write_text(
@@ -45,7 +37,7 @@ def book(tmp_path, monkeypatch):
         ("one", "from trinolab import window"),
         ("two", "from trinolab import lens"),
     ):
-        make_notebook(tmp_path / "notebooks" / f"{name}.ipynb", code, glued(b="a"))
+        make_notebook(chapter(tmp_path, name), code, glued(b="a"))
     return tmp_path
 
 
@@ -119,21 +111,13 @@ def test_a_chapter_is_run_and_stored(book, capsys):
     assert out.rstrip().endswith("ValueError: a broken chapter")
 
 
-def test_a_chapter_whose_kernel_dies_says_so_in_a_line(book):
+def test_a_chapter_whose_kernel_dies_says_so_in_a_line(book, capsys):
     path = make_notebook(chapter(book, "one"), "import os; os._exit(1)")
-    done = subprocess.run(
-        [*build.BUILD_COMMAND, "--chapter", str(path)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 1
-    assert done.stdout == (
-        "one.ipynb: its kernel died; most often the machine had no memory left: close other programs\n"
-    )
+    assert build.run_chapter(path) == 1
+    assert capsys.readouterr().out.startswith("one.ipynb: its kernel died; ")
 
 
-def test_the_last_lines_say_what_failed_and_what_to_type(book, monkeypatch, capsys):
+def test_the_last_lines_say_what_failed(book, monkeypatch, capsys):
     monkeypatch.chdir(book)
     why = "print('[IPKernelApp] WARNING | no matter'); raise SystemExit('why')"
     jobs = [job("ledger"), job("one", why), job("two", KILLS_ITSELF)]
@@ -142,17 +126,8 @@ def test_the_last_lines_say_what_failed_and_what_to_type(book, monkeypatch, caps
     lines = capsys.readouterr().out.splitlines()
     assert "why" in lines
     assert not any("no matter" in line for line in lines)
-    assert (
-        "two: ended by signal 9; most often the machine had no memory left: close other programs"
-        in lines
-    )
-    assert re.fullmatch(
-        "FAILED: (one, two|two, one). What they said is above; all else is kept.", lines[-2]
-    )
-    assert lines[-1] == (
-        "Mend it, or try again if the machine was at fault: `make book`, or `python book/build.py`, "
-        "goes on from there."
-    )
+    assert any(line.startswith("two: ended by signal 9;") for line in lines)
+    assert re.match("FAILED: (one, two|two, one)\\.", lines[-2])
 
 
 def test_what_needs_a_recording_waits_for_it_and_what_needs_none_begins_beside_it(
@@ -200,20 +175,9 @@ def test_a_build_says_what_decided_how_long_it_took(monkeypatch):
     ]
     assert [one.name for one in build.critical_path(ended)] == ["recording hard", "three"]
     assert [one.name for one in build.critical_path(ended[1:3])] == ["one", "two"]
-    assert build.times_said(ended, build.Ended("the pages", 80.0, 170.0, True)) == [
-        "One after the other: recording hard 50 s, three 30 s, the pages 90 s.",
-        "4 jobs took 80 s, in which the workers (2) were idle 25% of the time.",
-    ]
-    assert len(build.times_said([], build.Ended("the pages", 0.0, 0.1, True))) == 1
-
-
-def test_a_cache_that_cannot_be_written_is_said_in_a_line(monkeypatch, capsys):
-    def refused(*_, **__):
-        raise ValueError("recordings: cannot be written")
-
-    monkeypatch.setattr(rendering, "standard_recording", refused)
-    assert build.command(["--recording", "calm"]) == 1
-    assert capsys.readouterr().out == "recordings: cannot be written\n"
+    _, shares = build.times_said(ended, build.Ended("the pages", 80.0, 170.0, True))
+    assert "4 jobs took 80 s" in shares
+    assert "25%" in shares
 
 
 def test_a_label_makes_the_ledger_stale_and_other_text_does_not(book):
@@ -227,22 +191,13 @@ def test_a_label_makes_the_ledger_stale_and_other_text_does_not(book):
     assert build.stale_jobs()[1].made_from == {**before, "labels": "eq-20"}
 
 
-def test_a_log_gets_a_sign_of_life_now_and_then(monkeypatch, capsys):
-    now = iter([100.0, 159.0, 160.0])
-    monkeypatch.setattr(build.time, "monotonic", lambda: next(now))
-    running = [build.Running(job("one"), None, None, 40.0)]
-    said = 100.0
-    for _ in range(3):
-        said = build.show_progress(running, said)
-    assert capsys.readouterr().out == "running: one 120 s\n"
-    assert said == 160.0
-
-
 def test_the_recordings_are_those_that_the_chapters_read():
     text = "".join(path.read_text("utf-8") for path in ROOT.glob("notebooks/*.ipynb"))
     named = set(re.findall(r'read_recording\(\\"(\w+)\\"', text))
     assert named == set(build.RECORDINGS)
     assert inspect.signature(read_recording).parameters["seconds"].default == build.RECORDED_S
+    recordings = {f"recording {name}" for name in (*build.RECORDINGS, build.TASK)}
+    assert build.EXPECTED_S.keys() <= recordings | {path.stem for path in build.chapters()}
 
 
 def test_a_chapter_needs_the_recordings_that_its_code_reads():
@@ -251,11 +206,6 @@ def test_a_chapter_needs_the_recordings_that_its_code_reads():
     assert found["04_kalman"] == found["06_matching"] == found["recordings"] == ["calm", "hard"]
     assert found["11_master_slave"] == found["11b_delay"] == ["task"]
     assert found["02_workspace"] == found["12b_wall"] == found["gallery"] == []
-
-
-def test_the_expected_times_are_those_of_jobs_that_there_are():
-    recordings = {f"recording {name}" for name in (*build.RECORDINGS, build.TASK)}
-    assert build.EXPECTED_S.keys() <= recordings | {path.stem for path in build.chapters()}
 
 
 def test_the_pages_are_stale_when_a_docstring_has_changed(book):
@@ -273,12 +223,10 @@ def small_book(tmp_path):
     config = yaml.safe_load((ROOT / "_config.yml").read_text(encoding="utf-8"))
     config["html"].pop("favicon")
     config["sphinx"]["config"]["html_css_files"] = []
-    (tmp_path / "_config.yml").write_text(yaml.safe_dump(config, sort_keys=False))
     names = [f"book/page{k}" for k in range(8)]
-    chapters = [{"file": name} for name in names[1:]]
-    (tmp_path / "_toc.yml").write_text(
-        yaml.safe_dump({"format": "jb-book", "root": names[0], "chapters": chapters})
-    )
+    toc = {"format": "jb-book", "root": names[0], "chapters": [{"file": one} for one in names[1:]]}
+    for name, said in (("_config.yml", config), ("_toc.yml", toc)):
+        (tmp_path / name).write_text(yaml.safe_dump(said, sort_keys=False))
     for folder in ("book/_static", "book/_templates"):
         (tmp_path / folder).mkdir(parents=True)
     (tmp_path / "book" / "references.bib").touch()
@@ -287,38 +235,13 @@ def small_book(tmp_path):
     return tmp_path
 
 
+@pytest.mark.heavy
 def test_a_warning_of_any_page_fails_the_build_in_several_processes(small_book):
-    command = [*build.BUILD_COMMAND, "--pages", str(small_book)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
     for page in ("page2", "page6"):
         (small_book / "book" / f"{page}.md").write_text("# A page\n\n{ref}`nowhere`\n")
     (small_book / "book" / "page4.md").write_text("# A page\n\n```{nothing}\n```\n")
+    command = [*build.BUILD_COMMAND, "--pages", str(small_book)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert done.stderr.count("undefined label: 'nowhere'") == 2
     assert "Unknown directive type: 'nothing'" in done.stderr
-
-
-def test_the_build_ends_with_the_essential_board(book, monkeypatch, capsys):
-    monkeypatch.chdir(book)
-    monkeypatch.setattr(build, "stale_jobs", list)
-    monkeypatch.setattr(build, "build_pages", lambda: True)
-    rows = [claim for claim in load_claims() if claim.no in ("17", "17a", "21")]
-    board = {
-        "no": [claim.no for claim in rows],
-        "claim": [claim.claim for claim in rows],
-        "paper": "yes",
-        "ours": ["0.125", "1", ""],
-        "unit": "share",
-        "verdict": ["differs", "match", "cannot be tested"],
-        "reason": "",
-    }
-    pd.DataFrame(board).to_csv(build.SCOREBOARD, index=False)
-    assert build.main() == 0
-    lines = capsys.readouterr().out.splitlines()
-    head = next(k for k, line in enumerate(lines) if line.split()[:2] == ["no", "claim"])
-    assert lines[head].split() == ["no", "claim", "paper", "ours", "unit", "verdict"]
-    assert lines[head + 1].split()[:2] == ["17,", "17a"]
-    assert lines[head + 1].rstrip().endswith("0.125, 1 share differs, match")
-    assert lines[head + 2].startswith("All 3 rows")

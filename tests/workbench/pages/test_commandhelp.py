@@ -12,34 +12,31 @@ from workbench.pages import commandhelp
 PAGE = (Path(__file__).resolve().parents[3] / "book" / "commands.md").read_text(encoding="utf-8")
 
 
-def test_each_command_has_its_section_in_the_order_of_its_use():
-    assert re.findall(r"^### (\w+)$", PAGE, re.MULTILINE)[:3] == ["render", "track", "evaluate"]
+def test_each_command_has_its_section():
     sections = re.findall(r"^\(command-(\w+)\)=\n### \1$", PAGE, re.MULTILINE)
     assert sorted(sections) == sorted(commandhelp.commands())
-    assert len(sections) > 10
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    """The parts of the page that are written by the build."""
+    folder = tmp_path_factory.mktemp("commands")
+    commandhelp.write_help(folder)
+    return {path.stem: path.read_text(encoding="utf-8") for path in folder.iterdir()}
 
 
 @pytest.mark.parametrize("name", commandhelp.commands())
-def test_help_is_what_the_command_says(name, tmp_path, capsys, monkeypatch):
-    commandhelp.write_help(tmp_path)
+def test_help_is_what_the_command_says(name, written, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", commandhelp.COLUMNS)
     with pytest.raises(SystemExit):
         main([name, "--help"])
-    assert (tmp_path / f"{name}.md").read_text() == f"```text\n{capsys.readouterr().out}```\n"
+    assert written[name] == f"```text\n{capsys.readouterr().out}```\n"
     assert f"_build/generated/commands/{name}.md" in PAGE
 
 
-def test_no_line_is_wider_than_the_page_s_code():
-    lines = [
-        line for name in commandhelp.commands() for line in commandhelp.help_text(name).split("\n")
-    ]
-    assert max(map(len, lines)) <= 88
-
-
-def test_the_page_has_each_limit_of_what_is_read(tmp_path):
+def test_the_page_has_each_limit_of_what_is_read(written):
     """A limit that somebody adds, or changes, stands on the page."""
-    commandhelp.write_help(tmp_path)
-    table = (tmp_path / "limits.md").read_text()
+    table = written["limits"]
     assert "_build/generated/commands/limits.md" in PAGE
     for name, value in vars(limits).items():
         if not name.isupper() or name == "MIB" or not isinstance(value, int | float):

@@ -3,12 +3,12 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
 from workbench.pages import report_pages
 from workbench.pages.claims_pages import escaped
-from workbench.studies.protocol import load_deviations
 from workbench.studies.ranges import load_ranges
 from workbench.studies.scoreboard import essential_rows
 
@@ -41,55 +41,34 @@ def test_every_assumption_is_varied_or_it_is_said_why_not():
     assert not varied & spared
 
 
-def test_assumptions_stand_in_their_order():
-    found = re.findall(r"^\* - \[A(\d+)\]\{#a(\d+)\}$", ASSUMPTIONS, flags=re.MULTILINE)
-    assert found == [(str(k), str(k)) for k in range(1, len(found) + 1)]
+ROW = dict(
+    zip(
+        ("assumption", "instead", "number", "unit", "claim", "as_assumed", "changed"),
+        ("A2", "other", "E_t", "mm", "5", 0.1, 0.2),
+        strict=True,
+    )
+) | {"n": 20, "draws": 3, "seed": 1, "source": "rendered"}
 
 
-def test_the_page_counts_rightly():
-    page = (ROOT / "book" / "report.md").read_text(encoding="utf-8")
-    assert f"[{ASSUMPTIONS.count('{#a')} choices](assumptions.md)" in page
-    log = load_deviations()
-    assert sum(entry.date == "2026-11-20" for entry in log) == 7, "seven changes before the freeze"
-    added = [entry for entry in log if entry.hashes and entry.date < "2026-11-25"]
-    assert len(added) == 2, "two additions before 25 November"
-
-
-def row(**changes):
-    base = {
-        "assumption": "A2",
-        "instead": "other",
-        "number": "E_t",
-        "unit": "mm",
-        "claim": "5",
-        "as_assumed": 0.1,
-        "changed": 0.2,
-        "difference": 0.1,
-        "low": 0.05,
-        "high": 0.15,
-        "n": 20,
-        "draws": 3,
-        "seed": 1,
-        "source": "rendered",
-    }
-    return {**base, **changes}
+def row(difference=0.1, low=0.05, high=0.15, **changes):
+    return {**ROW, "difference": difference, "low": low, "high": high, **changes}
 
 
 @pytest.mark.parametrize(
     ("changes", "shown"),
     [
-        ({}, True),
-        ({"low": -0.05}, False),
-        ({"low": -0.2, "high": -0.1}, True),
-        ({"difference": 1e-5, "low": 1e-6, "high": 2e-5}, False),
-        ({"low": 0.0, "high": 0.0, "difference": 0.0}, False),
-        ({"low": float("nan"), "high": float("nan")}, True),
-        ({"low": float("nan"), "high": float("nan"), "difference": 1e-6}, False),
-        ({"difference": float("nan")}, False),
+        ((), True),
+        ((0.1, -0.05), False),
+        ((0.1, -0.2, -0.1), True),
+        ((1e-5, 1e-6, 2e-5), False),
+        ((0.0, 0.0, 0.0), False),
+        ((0.1, np.nan, np.nan), True),
+        ((1e-6, np.nan, np.nan), False),
+        ((np.nan,), False),
     ],
 )
 def test_a_change_is_shown_where_it_is_no_chance(changes, shown):
-    table = pd.DataFrame([row(), row(**changes)])
+    table = pd.DataFrame([row(), row(*changes)])
     assert report_pages.is_shown(next(table.tail(1).itertuples())) == shown
 
 
@@ -103,9 +82,7 @@ def test_the_conclusion_names_what_reaches_the_papers_number():
     table = pd.DataFrame([row(changed=0.2), row(assumption="A4", changed=0.6)])
     text = report_pages.conclusion(table)
     assert "between 0.2 and 0.6 mm" in text
-    assert (
-        "Only [A4](assumptions.md#a4) (0.6 mm) takes it to the paper's 0.31 mm or beyond." in text
-    )
+    assert "Only [A4](assumptions.md#a4) (0.6 mm) takes it to" in text
     # data/sweeps/budget.csv, R_rl as printed after a registration by 20 poses
     assert "of A4 a registration by Table 1's poses leaves 0.079 mm" in text
     assert "None takes it to" in report_pages.conclusion(table[:1])
@@ -115,19 +92,18 @@ def test_what_is_beyond_chance_is_marked():
     """Of three intervals one is far out; the bare 5 % of two others do not stay."""
     table = pd.DataFrame(
         [
-            row(difference=0.1, low=0.09, high=0.11),  # 20 standard deviations
-            row(difference=0.1, low=0.001, high=0.199),  # 1.98
-            row(difference=-0.1, low=-0.199, high=-0.001),
-            row(difference=0.0, low=0.0, high=0.0),  # nothing changed
-            row(difference=0.1, low=float("nan"), high=float("nan")),  # nothing drawn
+            row(0.1, 0.09, 0.11),  # 20 standard deviations
+            row(0.1, 0.001, 0.199),  # 1.98
+            row(-0.1, -0.199, -0.001),
+            row(0.0, 0.0, 0.0),  # nothing changed
+            row(0.1, np.nan, np.nan),  # nothing drawn
         ]
     )
     assert report_pages.tested(table).tolist() == [True, True, True, False, False]
     assert report_pages.after_holm(table).tolist() == [True, False, False, True, True]
     text = report_pages.by_chance(table)
-    assert "In all 4 intervals were looked at. Of these 3 have a width" in text
-    assert "3 are shown" in text
-    assert "Holm's correction 1 stay" in text
+    for said in ("In all 4 intervals", "Of these 3 have", "3 are shown", "correction 1 stay"):
+        assert said in text
     assert report_pages.sensitivity(table).count(" ?") == 2
 
 
@@ -142,25 +118,25 @@ def test_the_shipped_table_names_how_many_may_be_chance():
     assert f"and {len(out)} are shown" in text
 
 
-@pytest.mark.parametrize("page", ["report", "scoreboard", "start"])
-def test_the_answer_stands_first(page):
-    """Before any other part that the build writes, and before the verdicts."""
-    text = (ROOT / "book" / f"{page}.md").read_text(encoding="utf-8")
-    first = text.index("generated/report/cause.md")
-    for other in ("report/front.md", "claims/essential.md", "film.html"):
-        assert other not in text or first < text.index(other)
+@pytest.mark.parametrize(
+    ("changes", "shown"),
+    [
+        ({}, "0.1 → **0.2 mm** (+0.05 to +0.15)"),
+        ({"n": 5}, "0.1 → **0.2 mm** (+0.05 to +0.15, n 5)"),
+        ({"low": np.nan, "high": np.nan}, "0.1 → **0.2 mm**"),
+        ({"low": -12.3, "high": 10.0}, "(−12 to +10)"),
+        ({"unit": "share", "n": 30}, "10 → **20 %** (+5 to +15)"),
+    ],
+)
+def test_a_change_is_shown_with_its_interval(changes, shown):
+    (one,) = pd.DataFrame([row(**changes)]).itertuples()
+    assert report_pages.change_text(one).endswith(shown)
 
 
-def test_environment_has_versions_machine_and_hashes(tmp_path):
+def test_the_environment_has_versions_and_times_and_nothing_of_the_machine(tmp_path):
     seconds = tmp_path / "seconds.json"
     seconds.write_text('{"one": 60.0, "two": 30.0}')
     text = report_pages.environment(seconds)
-    for shown in (
-        "numpy 2",
-        "Python 3.",
-        "1.5 min",
-        report_pages.sha256(ROOT / "environment.txt")[:16],
-    ):
+    for shown in ("numpy 2", "1.5 min", report_pages.sha256(ROOT / "environment.txt")[:16]):
         assert shown in text
-    assert "not measured" in report_pages.environment(tmp_path / "none.json")
     assert str(ROOT) not in text

@@ -4,12 +4,10 @@ import itertools
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from trinolab.datasets import load_calibration, load_rig, load_table1
 from trinolab.rigid import nearest_rotation
-from trinolab.workspace import intersect
-from trinolab.workspace.cones import Cone, cone_surface, inside
+from trinolab.workspace.cones import Cone, inside
 from workbench.paper.errata import ERRATA, effects
 from workbench.paper.errata.markers import printed_bisection
 from workbench.paper.errata.pose import printed_points, printed_rotation_error
@@ -70,12 +68,8 @@ FUNCTIONS = [(no, compute) for no, functions in ERRATA.items() for compute in fu
 @pytest.fixture(scope="module")
 def computed():
     """Every effect by its function's name, each computed once."""
-    return {
-        compute.__name__: effect
-        for (_, compute), effect in zip(
-            FUNCTIONS, (effect for group in effects().values() for effect in group), strict=True
-        )
-    }
+    found = [effect for group in effects().values() for effect in group]
+    return {compute.__name__: one for (_, compute), one in zip(FUNCTIONS, found, strict=True)}
 
 
 @pytest.mark.parametrize(("no", "name"), [(no, compute.__name__) for no, compute in FUNCTIONS])
@@ -100,20 +94,9 @@ def test_every_effect_is_known():
     assert set(KNOWN) == {compute.__name__ for _, compute in FUNCTIONS}
 
 
-@pytest.mark.parametrize(
-    ("value", "good"),
-    [
-        (0.5, True),
-        (1.0, True),
-        (2.0, True),
-        (0.4, False),
-        (2.1, False),
-        (np.nan, False),
-        (np.inf, False),
-    ],
-)
-def test_the_check_of_an_effect(value, good):
-    assert Effect("1", "a quantity", "mm", 0.0, 1.0, 0.5, 2.0).holds(value) is good
+@pytest.mark.parametrize("value", [0.4, 0.5, 1.0, 2.0, 2.1, np.nan, np.inf])
+def test_the_check_of_an_effect(value):
+    assert Effect("1", "a quantity", "mm", 0.0, 1.0, 0.5, 2.0).holds(value) is (0.5 <= value <= 2.0)
 
 
 def printed(a, t, w, b1, b2, B):
@@ -153,45 +136,28 @@ def test_the_printed_axes():
     np.testing.assert_allclose(three.apex, [0.5, np.sqrt(0.5), 0.5], atol=1e-15)
 
 
-@pytest.mark.parametrize("degrees", range(10, 45))
-def test_the_printed_workspace_is_empty(degrees):
-    assert printed_workspace_volume(np.deg2rad(degrees)) == 0.0
-
-
-@pytest.mark.parametrize("degrees", [10, 20, 30, 44])
+@pytest.mark.parametrize("degrees", [10, 44])
 def test_no_point_counts_as_inside_the_printed_workspace(degrees):
     # Independent of the cutting planes: points in a wide box and far around it.
     rng = np.random.default_rng(0)
-    points = rng.normal(0, 1, (100_000, 3)) * rng.lognormal(0, 1.5, (100_000, 1))
+    points = rng.normal(0, 1, (30_000, 3)) * rng.lognormal(0, 1.5, (30_000, 1))
     cones = printed_cones(1.0, np.pi / 4, np.pi / 4, np.deg2rad(degrees))
-    for signs in itertools.product((1, -1), repeat=3):
-        nappes = [
-            Cone(c.apex, sign * c.axis, c.half_angle) for c, sign in zip(cones, signs, strict=True)
-        ]
-        assert not inside(nappes, points).any()
+    nappes = [[Cone(c.apex, sign * c.axis, c.half_angle) for sign in (1, -1)] for c in cones]
+    for three in itertools.product(*nappes):
+        assert not inside(list(three), points).any()
 
 
-def test_the_check_would_see_a_volume():
+def test_the_printed_workspace_is_empty_below_45_degrees():
     # With a half angle over 45 deg the printed cones do meet somewhere, so "empty" is no property
     # of the test.
-    assert printed_workspace_volume(np.deg2rad(60)) > 0
-
-
-def test_points_on_the_printed_surface_are_no_corrected_ones():
-    one = printed_cones(1.0, np.pi / 4, np.pi / 4, 0.3)[0]
-    assert cone_surface(one, [1.0], [0.0])[0, 0] < 0  # the printed CCD1 looks away from CCD2
+    volumes = [printed_workspace_volume(np.deg2rad(degrees)) for degrees in (10, 27, 44, 60)]
+    assert [volume > 0 for volume in volumes] == [False, False, False, True]
 
 
 def test_the_printed_rotation_is_none():
     frobenius, entry = printed_rotation_error()
     assert entry == pytest.approx(3.0e-4, abs=0.05e-4)
     assert frobenius > 1.5e-4  # the most that rounding nine entries to four decimals can do
-
-
-def test_rounding_a_rotation_stays_below_the_bound():
-    for rotation in Rotation.random(200, rng=np.random.default_rng(1)):
-        rounded = rotation.as_matrix().round(4)
-        assert np.linalg.norm(rounded - nearest_rotation(rounded).as_matrix()) <= 1.5e-4
 
 
 @pytest.mark.parametrize("form", [0, 1])
@@ -256,9 +222,13 @@ def test_the_printed_direction_of_eq25_misses_by_centimetres_in_eq20(seen):
     assert missed.max() == pytest.approx(124, abs=0.5)
 
 
-def test_refuses():
-    with pytest.raises(ValueError, match="beta1"):
-        printed_cones(1.0, 0.0, 1.0, 0.3)
-    with pytest.raises(ValueError, match="half_angle"):
-        printed_workspace_volume(2.0)
-    assert intersect(printed_cones(1.0, 0.5, 0.5, 0.3)).status == "empty"
+@pytest.mark.parametrize(
+    ("make", "given", "name"),
+    [
+        (printed_cones, (1.0, 0.0, 1.0, 0.3), "beta1"),
+        (printed_workspace_volume, (2.0,), "half_angle"),
+    ],
+)
+def test_what_is_no_angle_is_refused(make, given, name):
+    with pytest.raises(ValueError, match=name):
+        make(*given)

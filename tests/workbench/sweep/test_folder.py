@@ -3,7 +3,6 @@ refused.
 """
 
 import json
-import os
 import signal
 import sys
 from pathlib import Path
@@ -13,7 +12,7 @@ import pandas as pd
 import pytest
 from healthy import contents, run
 from makenotebook import glued, make_notebook
-from processes import GATE, ended, open_gate, started, wait_until
+from processes import GATE, ended, is_running, open_gate, started, wait_until
 
 from trinolab.files.journal import Journal
 from workbench import provenance
@@ -53,12 +52,6 @@ def traced():
 
 
 @pytest.mark.usefixtures("notebook")
-def test_a_sweep_without_a_run_that_succeeds_is_no_success(capfd):
-    assert run("sweep n.ipynb -p a=9 --workers 1 --out new/s") == 1
-    assert capfd.readouterr().out.startswith("1 runs: 1 failed; written to new/s\n")
-
-
-@pytest.mark.usefixtures("notebook")
 def test_the_command_makes_table_figure_and_manifest(capfd):
     assert run(LINE + " --keep") == 1  # for two of the runs are not ok
     out, err = capfd.readouterr()
@@ -69,121 +62,46 @@ def test_the_command_makes_table_figure_and_manifest(capfd):
     )
     assert err == ""
     found = read_sweep("new/s")
-    assert list(found.columns) == [
-        "a",
-        "square",
-        "wrong",
-        "seconds_result",
-        "verdict",
-        "seconds",
-        "status",
-        "error",
-    ]
-    assert found["a"].tolist() == list(range(10))
+    results = ["square", "wrong", "seconds_result", "verdict"]
+    assert list(found.columns) == ["a", *results, "seconds", "status", "error"]
     assert found["square"].tolist()[:9] == [a**2 for a in range(9)]
     assert found["status"].tolist() == ["ok", "ok", "no number", *["ok"] * 6, "failed"]
-    assert found["error"].tolist()[2] == "wrong is no number: [2]"
     assert found["verdict"].tolist()[4:8] == ["small", "small", "large", "large"]
     assert found.attrs["parameters"] == ["a"]
     manifest = json.loads(Path("new/s/manifest.json").read_text())
     assert manifest["command"] == f"trinolab {LINE} --keep"
     assert manifest["values"] == {"a": list(range(10))}
-    assert set(manifest["made_from"]) == {
-        "the notebook",
-        "the package",
-        "its data",
-        "the environment",
-        "the choice of cells",
-    }
+    assert set(manifest["made_from"]) == set(
+        ("the notebook", "the package", "its data", "the environment", "the choice of cells")
+    )
     assert manifest["cells"] == {"each run": "all, in a fresh kernel"}
-    assert set(manifest) == {
-        "what",
-        "parameters",
-        "grid",
-        "runs",
-        "made_from",
-        "values",
-        "verdicts",
-        "cells",
-        "command",
-        "workers",
-        "versions",
-        "commit",
-        "machine",
-        "begun",
-    }
+    assert manifest.keys() >= {"grid", "verdicts", "workers", "versions", "commit", "machine"}
     assert Path("new/s/figure.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     assert len(list(Path("new/s/notebooks").iterdir())) == 10
     assert len(traced()[1]) == 10  # a kernel for each run
     assert {path.name for path in Path().iterdir()} == {"n.ipynb", "new", "trace"}
 
 
-@pytest.mark.heavy
-@pytest.mark.usefixtures("notebook")
-def test_what_is_finished_is_not_run_again_unless_it_is_stale(caplog):
-    line = LINE.replace("0:9:10", "0,1").replace("--workers 2", "--workers 1")
-    assert run(line) == 0
-    before, table = contents(Path("new/s")), Path("new/s/table.csv").read_bytes()
-    assert run(line) == 0
-    after = contents(Path("new/s"))
-    assert {path for path in before if before[path] != after[path]} <= {Path("new/s/manifest.json")}
-    assert sorted(traced()[0]) == [0, 1]
-    assert not caplog.messages
-    Path("n.ipynb").write_text(Path("n.ipynb").read_text().replace("a**2", "a**3"))
-    assert run(line) == 0
-    assert caplog.messages == [
-        "new/s: the notebook has changed since; 2 finished runs are stale and are done again"
-    ]
-    assert Path("new/s/table.csv").read_bytes() != table
-    assert sorted(traced()[0]) == [0, 0, 1, 1]
-
-
-def test_the_package_the_data_and_the_environment_are_told_apart(tmp_path, monkeypatch):
-    (tmp_path / "a.py").write_text("1")
-    before = provenance.hash_files(tmp_path.glob("*"), tmp_path)
-    (tmp_path / "a.py").write_text("2")
-    changed = provenance.hash_files(tmp_path.glob("*"), tmp_path)
-    (tmp_path / "a.py").rename(tmp_path / "b.py")
-    assert len({before, changed, provenance.hash_files(tmp_path.glob("*"), tmp_path)}) == 3
-    here = provenance.surroundings()
-    monkeypatch.setenv("TRINOLAB_DATA", "elsewhere")
-    there = provenance.surroundings()
-    assert {name for name in here if here[name] != there[name]} == {"the environment"}
-
-
 def finished():
     """The numbers of the runs that are kept, from whole lines."""
     path = Path("new/s/runs.jsonl")
-    return (
-        [json.loads(line)["run"] for line in path.read_text().split("\n")[:-1]]
-        if path.exists()
-        else []
-    )
-
-
-def alive(processes):
-    return {
-        process
-        for process in processes
-        if Path(f"/proc/{process}/cmdline").exists()
-        and Path(f"/proc/{process}/cmdline").read_bytes()
-    }
+    lines = path.read_text().split("\n")[:-1] if path.exists() else []
+    return [json.loads(line)["run"] for line in lines]
 
 
 @pytest.mark.usefixtures("notebook")
 @pytest.mark.parametrize(
-    ("number", "code", "workers"),
+    ("number", "code"),
     [
-        (signal.SIGINT, 130, 1),
-        pytest.param(signal.SIGINT, 130, 2, marks=pytest.mark.heavy),
-        pytest.param(signal.SIGKILL, -signal.SIGKILL, 1, marks=pytest.mark.heavy),
+        (signal.SIGINT, 130),
+        pytest.param(signal.SIGKILL, -signal.SIGKILL, marks=pytest.mark.heavy),
     ],
 )
-def test_a_sweep_that_is_stopped_keeps_its_runs_and_goes_on(capfd, number, code, workers):
-    line = LINE.replace("0:9:10", "0:7:8") + " -p waits_from=4"
-    line = line.replace("--workers 2", f"--workers {workers}")
+def test_a_sweep_that_is_stopped_keeps_its_runs_and_goes_on(capfd, number, code):
+    line = LINE.replace("0:9:10", "0:7:8").replace("--workers 2", "--workers 1")
+    line += " -p waits_from=4"
     with started(line) as process:
-        wait_until(lambda: len(finished()) == 4 and len(traced()[0]) == 4 + workers, process)
+        wait_until(lambda: len(finished()) == 4 and len(traced()[0]) == 5, process)
         before = contents(Path("new"))
         assert run(line) == 2
         assert capfd.readouterr().err == "trinolab sweep: new/s: another process works on it\n"
@@ -194,7 +112,9 @@ def test_a_sweep_that_is_stopped_keeps_its_runs_and_goes_on(capfd, number, code,
     assert sorted(kept) == [0, 1, 2, 3]
     said = "trinolab sweep: interrupted, 4 of 8 runs are kept in new/s; the same command goes on\n"
     assert result[1] == [said] * (number == signal.SIGINT)
-    wait_until(lambda: not alive(traced()[1]))  # kernels end with the process that started them
+    wait_until(
+        lambda: not any(map(is_running, traced()[1]))
+    )  # kernels end with the process that started them
     assert not Path("new/s/table.csv").exists()
     open_gate()
     assert run(line) == 1  # one result of the third run is no number
@@ -210,9 +130,9 @@ def test_a_sweep_that_is_stopped_keeps_its_runs_and_goes_on(capfd, number, code,
     "end",
     [
         '{"run": 3, "results": {"squ',
-        pytest.param('{"run": 3}\n', marks=pytest.mark.heavy),
+        '{"run": 3}\n',
         "\x00\x00\n",
-        pytest.param("[1]\n", marks=pytest.mark.heavy),
+        "[1]\n",
         '{"run": 99, "results": {}, "seconds": 1, "status": "ok", "error": ""}\n',
     ],
 )
@@ -256,18 +176,6 @@ def test_a_function_is_kept_and_stale_when_its_file_has_changed(tmp_path, monkey
     ]
 
 
-def test_a_function_that_is_interrupted_keeps_its_runs(tmp_path):
-    def once(a):
-        if a == 2 and not (tmp_path / "stopped").exists():
-            (tmp_path / "stopped").touch()
-            raise KeyboardInterrupt
-        return a
-
-    with pytest.raises(KeyboardInterrupt, match="2 of 4 runs are kept in"):
-        sweep(once, a=range(4), out=tmp_path / "s")
-    assert sweep(once, a=range(4), out=tmp_path / "s")["result"].tolist() == [0, 1, 2, 3]
-
-
 @pytest.mark.parametrize(
     ("moment", "count"), [("before it is written", 2), ("after it is written", 3)]
 )
@@ -303,31 +211,3 @@ def test_a_chapter_is_found_by_its_name(tmp_path, monkeypatch):
     assert found["b"].tolist() == [1.0, 2.0]
     with pytest.raises(ValueError, match="no_such: no such notebook"):
         sweep("no_such", a=1.0)
-
-
-@pytest.mark.skipif(os.name != "posix", reason="locks of files as POSIX has them")
-def test_a_folder_is_for_one_process_at_a_time(tmp_path):
-    def meddle(a):
-        return sweep(meddle, a=[1], out=tmp_path / "s")
-
-    found = sweep(meddle, a=[1], out=tmp_path / "s")
-    assert found["error"].tolist() == [f"ValueError: {tmp_path / 's'}: another process works on it"]
-
-
-@pytest.mark.heavy
-@pytest.mark.usefixtures("notebook")
-def test_the_second_of_two_sweeps_is_refused_and_the_first_one_is_whole():
-    line = LINE.replace("0:9:10", "0:7:8").replace("--workers 2", "--workers 1")
-    line += " -p waits_from=4"
-    with started(line) as first:
-        wait_until(lambda: len(finished()) == 4 and len(traced()[0]) == 5, first)
-        before = contents(Path("new"))
-        with started(line) as second:
-            refused = ended(second)
-        after = contents(Path("new"))
-        open_gate()
-        assert ended(first)[0] == 0
-    assert refused == (2, ["trinolab sweep: new/s: another process works on it\n"])
-    assert after == before
-    assert read_sweep("new/s")["square"].tolist() == [a**2 for a in range(8)]
-    assert sorted(traced()[0]) == list(range(8))

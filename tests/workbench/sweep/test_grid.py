@@ -43,23 +43,19 @@ def test_what_can_be_typed(text, expected):
     [
         ("a", "-p a: expected NAME=VALUES or @file.csv"),
         ("2a=1", "expected NAME=VALUES"),
-        ("=1", "expected NAME=VALUES"),
+        ("@none.csv", "none.csv: cannot be read"),
         ("a=", "-p a=: expected a:b:n, log:a:b:n, a list like 0,1,2, or @file.csv"),
         ("a=1;2", "'1;2' is no value"),
         ("a=1,,2", "'' is no value"),
         ("a=__import__('os')", "is no value"),
-        ("a=1]\nb=[2", "is no value"),
         ("a=1 # 2", "is no value"),
         ("a={b=1}", "expected a:b:n"),
-        ("a=2020-01-01", "expected a:b:n"),
         ("a=nan", "expected a:b:n"),
         ("a=1e999", "expected a:b:n"),
         ("a=0:1:x", "'x' is no number"),
         ("a=0:1:2:3", "is no value"),
-        ("a=::3", "'' is no value"),
         ("a=0:true:3", "'true' is no number"),
         ("a=0:1:1", "points, got 1"),
-        ("a=0:1:0", "points, got 0"),
         ("a=0:1:2.5", "points, got 2.5"),
         ("a=0:1:1000000000", "expected 2 to"),
         ("a=log:0:1:3", "log needs"),
@@ -70,7 +66,7 @@ def test_what_can_be_typed(text, expected):
 def test_what_is_refused(text, said):
     with pytest.raises(ValueError, match=re.escape(said)) as caught:
         parse([text])
-    assert str(caught.value).startswith(f"-p {text}: ")
+    assert str(caught.value).startswith("none.csv" if text[0] == "@" else f"-p {text}: ")
 
 
 def test_a_parameter_comes_once(tmp_path):
@@ -84,6 +80,8 @@ def test_a_file_has_a_row_a_setting(tmp_path):
     (tmp_path / "runs.csv").write_text(
         "name, threshold, wide\npaper, 0.5, true\n\"'a, b'\", 1, false\n"
     )
+    assert runs([]) == [{}]
+    assert runs([], sample=2) == [{}, {}]
     axes = parse([f"@{tmp_path / 'runs.csv'}", "seed=0,1"])
     assert runs(axes) == [
         {"name": "paper", "threshold": 0.5, "wide": True, "seed": 0},
@@ -112,33 +110,16 @@ def test_a_wrong_file_is_refused(tmp_path, content, said):
         parse([f"@{path}"])
 
 
-def test_a_missing_file_is_refused():
-    with pytest.raises(ValueError, match=r"none\.csv: cannot be read"):
-        parse(["@none.csv"])
-
-
-def test_each_value_with_each_other():
-    assert runs(parse(["a=0,1", "b=x", "c=2,3"])) == [
-        {"a": 0, "b": "x", "c": 2},
-        {"a": 0, "b": "x", "c": 3},
-        {"a": 1, "b": "x", "c": 2},
-        {"a": 1, "b": "x", "c": 3},
-    ]
-    assert runs([]) == [{}]
-
-
 def test_values_from_python():
     found = axes_of(
         {
             "a": np.linspace(0, 1, 3),
             "b": range(2),
             "c": "text",
-            "d": 3,
             "e": [[1, 2], [3]],
             "f": None,
             "g": Interval(0, 1),
             "h": np.float32(0.5),
-            "i": {1: 2},
             "j": (x for x in "ab"),
         }
     )
@@ -146,20 +127,15 @@ def test_values_from_python():
         Axis(("a",), [(0.0,), (0.5,), (1.0,)]),
         Axis(("b",), [(0,), (1,)]),
         Axis(("c",), [("text",)]),
-        Axis(("d",), [(3,)]),
         Axis(("e",), [([1, 2],), ([3],)]),
         Axis(("f",), [(None,)]),
         Between(("g",), Interval(0, 1)),
         Axis(("h",), [(0.5,)]),
-        Axis(("i",), [({1: 2},)]),
         Axis(("j",), [("a",), ("b",)]),
     ]
-    assert type(found[0].settings[0][0]) is type(found[7].settings[0][0]) is float
-
-
-def test_a_parameter_without_a_value_is_refused():
     with pytest.raises(ValueError, match="b: expected at least one value, got none"):
         axes_of({"a": 1, "b": []})
+    assert type(found[0].settings[0][0]) is type(found[6].settings[0][0]) is float
 
 
 def test_a_sample_is_a_latin_hypercube():

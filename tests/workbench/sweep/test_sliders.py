@@ -3,12 +3,11 @@
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
-from makenotebook import make_notebook
 from matplotlib.figure import Figure
 
 from workbench.sweep import sweep
 from workbench.sweep.grid import Interval
-from workbench.sweep.notebook import UNATTENDED, run_notebook
+from workbench.sweep.notebook import UNATTENDED
 from workbench.sweep.sliders import explore, slide
 
 
@@ -61,30 +60,14 @@ def line(slope):
     return figure
 
 
-def test_a_slider_redraws_a_figure():
+def test_a_slider_redraws_a_figure_where_somebody_can_move_it(monkeypatch):
     slider, _ = slide(line, "slope", [1, 3], start=2.0).children
     assert [label for label, _ in slider.options] == ["1", "2", "3"]
     assert last_curve()[1] == [[0, 0], [1, 2]]
     slider.value = 3
     assert last_curve()[1] == [[0, 0], [1, 3]]
-
-
-def test_where_nobody_can_move_a_slider_there_is_the_figure_at_its_start(monkeypatch):
+    plt.close("all")
     monkeypatch.setenv(UNATTENDED, "1")
     figure = slide(line, "slope", [1, 3], start=2.0)
     assert figure.axes[0].lines[0].get_ydata().tolist() == [0, 2]
     assert plt.get_fignums() == []
-
-
-@pytest.mark.heavy
-def test_a_page_needs_no_kernel(tmp_path):
-    code = """
-from workbench.sweep.sliders import explore
-from workbench.sweep.runs import sweep
-explore(sweep(lambda a, b: a * b, a=[1, 2], b=[3, 4]))
-"""
-    run = run_notebook(make_notebook(tmp_path / "n.ipynb", "%matplotlib inline", code))
-    shown = [
-        sorted(output.data) for cell in run.notebook.cells for output in cell.get("outputs", [])
-    ]
-    assert shown == [["image/png", "text/plain"]]

@@ -9,38 +9,19 @@ from pathlib import Path
 import psutil
 import pytest
 from chapterruns import OTHER_PARAMETERS, SMALL
-from chapters import NOTEBOOKS
+from chapters import NOTEBOOKS, is_study
 from makenotebook import glued, make_notebook
-from processes import ended, started, wait_until
-from sweepcases import OWN, reported, write
+from processes import ended, is_running, started, wait_until
+from sweepcases import CASES, UNREPEATABLE, write
 
 from workbench.browser.sweeps import SWEEPS
 from workbench.sweep import agreement, sweep
-from workbench.sweep.cells import explained, names_of, plan_cells
+from workbench.sweep.cells import names_of, plan_cells
 from workbench.sweep.jobs import State, close_kernels, notebook_job, run_tagged, run_whole
 from workbench.sweep.notebook import read_notebook, read_parameters
 from workbench.sweep.outcome import LAST_COLUMNS
 
-# name -> cells with tags; of a report first all cells but the last run once, then its first alone
-REPORTED = {
-    f"{name}, {way}": [
-        *(("o" if k == 0 or way == "all once" else "-", cell) for k, cell in enumerate(cells[:-1])),
-        ("-", cells[-1]),
-    ]
-    for name, cells in reported().items()
-    for way in ("all once", "first once")
-}
-CASES = {**OWN, **REPORTED}
-QUICK = [
-    "append, then once",
-    "figure draws a random number",
-    "query once",
-    "closure that counts",
-    "await",
-    "the same result twice",
-]
-# differ from one whole run to the next
-UNREPEATABLE = ("global random numbers, no seed",)
+QUICK = ("append, then once", "figure draws a random number", "the same result twice")
 
 
 @pytest.fixture(autouse=True)
@@ -57,42 +38,29 @@ def results(table):
     return table.drop(columns=dropped).to_json(orient="records", double_precision=15)
 
 
-def check(tmp_path, cells):
-    """A sweep by tags gives the table of the whole runs, or refuses in one line."""
-    path = write(tmp_path / "n.ipynb", cells)
+@pytest.mark.parametrize(
+    "name",
+    [name if name in QUICK else pytest.param(name, marks=pytest.mark.heavy) for name in CASES],
+)
+def test_a_case_gives_the_whole_table_or_an_error_in_a_line(tmp_path, name):
+    path = write(tmp_path / "n.ipynb", CASES[name])
+    refusal = ""
     try:
         table = sweep(path, x=[1, 2], progress=False)
     except ValueError as error:
         refusal = str(error)
-    else:
-        whole = sweep(path, x=[1, 2], progress=False, whole=True)
-        assert results(table[list(whole.columns)]) == results(whole)
+    if refusal:
+        assert re.fullmatch(".*(code cell|as tagged).*", refusal)
         return
-    assert re.search("code cell|as tagged", refusal)
-    assert "\n" not in refusal
-
-
-@pytest.mark.parametrize("name", QUICK)
-def test_a_case_gives_the_whole_table_or_an_error(tmp_path, name):
-    check(tmp_path, OWN[name])
+    whole = sweep(path, x=[1, 2], progress=False, whole=True)
+    assert results(table[list(whole.columns)]) == results(whole)
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("name", [name for name in CASES if name not in QUICK])
-def test_every_case_gives_the_whole_table_or_an_error(tmp_path, name):
-    if name in UNREPEATABLE:
-        with pytest.raises(ValueError, match="as tagged"):
-            sweep(write(tmp_path / "n.ipynb", CASES[name]), x=[1, 2], progress=False)
-        return
-    check(tmp_path, CASES[name])
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("name", [name for name in reported()])
-def test_a_reported_case_without_tags_runs_whole(tmp_path, name):
-    path = write(tmp_path / "n.ipynb", [("-", cell) for cell in reported()[name]])
-    table = sweep(path, x=[1, 2], progress=False)
-    assert results(table) == results(sweep(path, x=[1, 2], progress=False, whole=True))
+def test_what_differs_from_one_whole_run_to_the_next_is_refused(tmp_path):
+    path = write(tmp_path / "n.ipynb", UNREPEATABLE)
+    with pytest.raises(ValueError, match="as tagged"):
+        sweep(path, x=[1, 2], progress=False)
 
 
 @pytest.mark.parametrize(
@@ -115,7 +83,7 @@ def test_a_reported_case_without_tags_runs_whole(tmp_path, name):
     ],
 )
 def test_tags_that_names_contradict_are_refused_with_both(tmp_path, name, line):
-    notebook = read_notebook(write(tmp_path / "n.ipynb", OWN[name]))
+    notebook = read_notebook(write(tmp_path / "n.ipynb", CASES[name]))
     if line is None:
         assert plan_cells(notebook, ["x"]) is not None
     else:
@@ -123,8 +91,10 @@ def test_tags_that_names_contradict_are_refused_with_both(tmp_path, name, line):
             plan_cells(notebook, ["x"])
 
 
-def test_a_cell_with_two_tags_is_refused(tmp_path):
-    notebook = read_notebook(write(tmp_path / "n.ipynb", [("o", "a = 1")]))
+def test_two_tags_are_refused_and_an_unknown_one_means_nothing(tmp_path):
+    notebook = read_notebook(write(tmp_path / "n.ipynb", [("o", "a = x")]))
+    notebook.cells[1].metadata["tags"] = ["sweep-always"]
+    assert plan_cells(notebook, ["x"]) is None
     notebook.cells[1].metadata["tags"] = ["once", "figure"]
     with pytest.raises(ValueError, match="code cell 2 is tagged figure and once"):
         plan_cells(notebook, [])
@@ -154,23 +124,6 @@ def test_names_of_a_cell():
     assert names_of("%%time\na = b").reads == {"b"}
 
 
-def test_cells_without_and_with_a_plan_are_explained(tmp_path):
-    cells = [("o", "a = 1"), ("f", "print(a)"), ("-", "from myst_nb import glue\nglue('y', x)")]
-    notebook = read_notebook(write(tmp_path / "n.ipynb", cells))
-    lines = explained(notebook, plan_cells(notebook, ["x"])).splitlines()
-    assert ["setting's values" in lines[0], "tagged once" in lines[1]] == [True, True]
-    assert "not run: tagged figure" in lines[2]
-    assert "at each setting: no tag" in lines[3]
-    assert set(explained(notebook, None).count(word) for word in ("whole notebook",)) == {4}
-
-
-def test_sweep_always_means_no_tag(tmp_path):
-    path = write(tmp_path / "n.ipynb", [("-", "a = x")])
-    notebook = read_notebook(path)
-    notebook.cells[1].metadata["tags"] = ["sweep-always"]
-    assert plan_cells(notebook, ["x"]) is None
-
-
 def test_a_difference_names_the_number_and_the_cells(tmp_path):
     cells = [
         ("o", "a = [3, 1, 2]"),
@@ -187,7 +140,7 @@ def test_a_difference_names_the_number_and_the_cells(tmp_path):
 
 
 def test_the_comparison_is_made_once_for_a_text(tmp_path, monkeypatch):
-    path = write(tmp_path / "n.ipynb", OWN["sum of a list"])
+    path = write(tmp_path / "n.ipynb", CASES["sum of a list"])
     sweep(path, x=[1, 2], progress=False)
     compared = []
     monkeypatch.setattr(
@@ -195,9 +148,11 @@ def test_the_comparison_is_made_once_for_a_text(tmp_path, monkeypatch):
     )
     assert sweep(path, x=[3, 4], progress=False)["y"].tolist() == [18, 24]
     assert compared == []
-    write(path, [("o", "a = [1, 2, 4]"), OWN["sum of a list"][1]])
+    write(path, [("o", "a = [1, 2, 4]"), CASES["sum of a list"][1]])
     sweep(path, x=[1, 2], progress=False)
     assert len(compared) == 2
+    children = psutil.Process().children(recursive=True)
+    assert not [one for one in children if "workbench.sweep.forking" in one.cmdline()]
 
 
 def test_the_settings_to_compare_are_the_first_and_one_that_differs_in_all():
@@ -207,21 +162,9 @@ def test_the_settings_to_compare_are_the_first_and_one_that_differs_in_all():
     assert agreement.chosen_settings(settings[:1], "") == [0]
 
 
-def test_each_setting_starts_from_the_same_state(tmp_path):
-    cells = [
-        ("o", "import os\nparent = os.getpid()\nbox = []"),
-        ("-", "box.append(x)\nfrom myst_nb import glue\nglue('n', len(box))"),
-        ("-", "glue('forked', os.getppid() == parent)"),
-    ]
-    path = write(tmp_path / "n.ipynb", cells)
-    job = notebook_job(path, plan=plan_cells(read_notebook(path), ["x"]), varying=["x"])
-    found = [run_tagged(job, {"x": value}).results for value in (1, 2, 3)]
-    assert found == [{"n": 1, "forked": 1}] * 3
-
-
 def test_what_goes_wrong_in_a_fork_costs_its_row(tmp_path):
     code = "import os, time\nif x == 2: raise ValueError('too much')\nif x == 3: os._exit(1)\nif x == 4: time.sleep(60)"
-    path = write(tmp_path / "n.ipynb", [("o", "a = 1"), ("-", code), OWN["sum of a list"][1]])
+    path = write(tmp_path / "n.ipynb", [("o", "a = 1"), ("-", code), CASES["sum of a list"][1]])
     path.write_text(path.read_text().replace("sum(a)", "a"))
     job = notebook_job(path, 2.0, plan=plan_cells(read_notebook(path), ["x"]), varying=["x"])
     found = [run_tagged(job, {"x": value}) for value in (1, 2, 3, 4, 5)]
@@ -231,14 +174,6 @@ def test_what_goes_wrong_in_a_fork_costs_its_row(tmp_path):
         "DeadKernelError: Kernel died",
         "CellTimeoutError: over 2 s (code cell 3)",
     ]
-
-
-def test_a_failure_in_a_cell_tagged_once_is_that_of_all_runs(tmp_path):
-    path = write(tmp_path / "n.ipynb", OWN["exception in once"])
-    job = notebook_job(path, plan=plan_cells(read_notebook(path), ["x"]), varying=["x"])
-    assert {run_tagged(job, {"x": value}).error for value in (1, 2)} == {
-        "ZeroDivisionError: division by zero (code cell 2)"
-    }
 
 
 def test_numbers_are_taken_as_they_were_glued(tmp_path):
@@ -266,44 +201,24 @@ def test_what_changes_nothing_is_reported(tmp_path, caplog):
 # the chapters
 
 
-def both_ways(name, swept):
-    """A chapter in its small size at other parameters: whole, and by its tags."""
+@pytest.mark.heavy
+@pytest.mark.parametrize("name", OTHER_PARAMETERS)
+def test_a_chapter_by_its_tags_gives_what_it_gives_whole(name):
+    """In its small size, at other parameters."""
     path = NOTEBOOKS[[path.stem for path in NOTEBOOKS].index(name)]
+    swept = SWEEPS[name].parameter if name in SWEEPS else next(iter(OTHER_PARAMETERS[name]))
     notebook = read_notebook(path)
     plan = plan_cells(notebook, [swept])
     values = {**OTHER_PARAMETERS[name], **SMALL[name]}
     fixed = {key: value for key, value in values.items() if key != swept}
     job = notebook_job(path, plan=plan, fixed=fixed, varying=[swept])
     assert plan.once
-    assert plan.left_out or is_short(name)
+    assert plan.left_out or is_study(name)  # which may glue something in each cell
     tagged = run_tagged(job, {swept: values[swept]})
     whole = run_whole(job._replace(keep=True), values)
     assert whole.status == "ok", whole.error
     agreement.check_agreement(plan, tagged, whole)
     close_kernels(job.sweep)
-
-
-def is_short(name):
-    """Whether a notebook is a study, which may glue something in each cell."""
-    return name[2] == "b"
-
-
-CHAPTERS = [
-    (name, SWEEPS[name].parameter if name in SWEEPS else next(iter(values)))
-    for name, values in OTHER_PARAMETERS.items()
-]
-FAST = [pair for pair in CHAPTERS if pair[0] in ("12_force_feedback", "09b_causes")]
-
-
-@pytest.mark.parametrize(("name", "swept"), FAST)
-def test_a_chapter_by_its_tags_gives_what_it_gives_whole(name, swept):
-    both_ways(name, swept)
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize(("name", "swept"), [pair for pair in CHAPTERS if pair not in FAST])
-def test_every_chapter_by_its_tags_gives_what_it_gives_whole(name, swept):
-    both_ways(name, swept)
 
 
 @pytest.mark.parametrize("name", [path.stem for path in NOTEBOOKS if path.stem not in SWEEPS])
@@ -327,7 +242,7 @@ def test_a_sweep_that_is_killed_leaves_no_process(tmp_path):
         working = [int(word) for word in (tmp_path / "begun").read_text().split()]
         process.kill()
         ended(process)
-    wait_until(lambda: not any(map(psutil.pid_exists, working)))
+    wait_until(lambda: not any(map(is_running, working)))
 
 
 def state_of(path):
@@ -337,10 +252,3 @@ def state_of(path):
     state = State(job)
     state.prepare()
     return state
-
-
-def test_no_process_is_left(tmp_path):
-    path = write(tmp_path / "n.ipynb", OWN["sum of a list"])
-    sweep(path, x=[1, 2], progress=False)
-    children = psutil.Process().children(recursive=True)
-    assert not [one for one in children if "workbench.sweep.forking" in one.cmdline()]

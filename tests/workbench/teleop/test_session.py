@@ -79,18 +79,6 @@ def test_a_second_of_lost_frames_holds_the_arm_still():
     assert np.ptp(at_rest, axis=0).max() < 0.01
 
 
-@pytest.mark.parametrize(
-    "rate", [5, *(pytest.param(rate, marks=pytest.mark.heavy) for rate in (17, 30, 60, 200))]
-)
-def test_any_rate_of_poses_keeps_the_limits(rate):
-    times = np.arange(1, 3 * rate) / rate
-    _, moments = run([Sample(t, swing(t), "measured", True) for t in times])
-    check_limits(moments)
-    assert all_ticks(moments, "t_s").size == pytest.approx(
-        (times[-1] - times[0]) / TICK_S, abs=len(times)
-    )
-
-
 def test_the_force_of_a_contact_is_read():
     times = np.arange(1, 91) / 30
     deep = MappingParameters(alignment=TO_BASE, reach_mm=((-850, 850), (-850, 850), (-20, 950)))
@@ -111,15 +99,6 @@ def test_the_force_of_a_contact_is_read():
     force = log.trajectory()["force_n"]
     assert force.iloc[-1] == pytest.approx(np.linalg.norm(moments[-1].reading.force))
     assert (force[log.trajectory()["t_s"] < events["t_s"].iloc[1] - 0.05] == 0).all()
-
-
-def test_limits_are_named():
-    near = MappingParameters(alignment=TO_BASE, reach_mm=((-850, 850), (-850, 850), (80, 950)))
-    _, moments = run(
-        [Sample(t, moved([0, 60 * t, 0]), "measured", True) for t in np.arange(1, 61) / 30], near
-    )
-    assert moments[-1].limits == ("reach",)
-    assert moments[-1].reading.tool.translation[2] > 79
 
 
 @settings(max_examples=5, deadline=None)

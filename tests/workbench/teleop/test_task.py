@@ -2,8 +2,6 @@
 images.
 """
 
-from dataclasses import replace
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,15 +9,8 @@ import pytest
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 
 from trinolab.bench.hand import true_visibility
-from trinolab.datasets import data_path
 from trinolab.files.poses import read_poses
-from trinolab.files.rigs import read_camera
-from trinolab.slave.arm import load_robot
-from trinolab.slave.mapping import MappingParameters, Sample, alignment
-from workbench.cli import main
 from workbench.teleop import task
-from workbench.teleop.session import Log, Session
-from workbench.teleop.teleoperate import Done
 
 IN_ORDER = [
     ("clutch closed", ""),
@@ -60,27 +51,6 @@ def check_contacts(joints):
     resting = ((t > 6.1) & (t < 7.2)) | ((t > 9.9) & (t < 11.1))  # a stroke; a hold
     for stretch in (resting & (t < 8), resting & (t > 8)):
         assert np.ptp(tool[stretch], axis=0).max() < 0.3
-
-
-@pytest.mark.heavy
-def test_the_true_motion_does_the_task():
-    """The session alone: true poses, none while it is dark."""
-    camera = read_camera(data_path("robots", "ur5_view.toml"))
-    session = Session(load_robot(), MappingParameters(task.COARSE, alignment=alignment(camera)))
-    log = Log(session.robot.joints)
-    rows = [line.split(",") for line in task.script().split()[1:]]
-    coupled = False
-    for t, pose in zip(*task.hand(0), strict=True):
-        now = [row for row in rows if float(row[0]) <= t + 1e-9]
-        closed = bool(now) and now[-1][1] == "1"
-        if closed and not coupled:
-            session.mapping = replace(session.mapping, scale=float(now[-1][2]))
-        coupled = closed
-        dark = task.DARK_S[0] <= t < task.DARK_S[1]
-        sample = Sample(float(t), None if dark else pose, "lost" if dark else "measured", closed)
-        log.add(session.step(sample), closed, session.mapping.scale)
-    check_events(log.event_table())
-    check_contacts(log.trajectory())
 
 
 @pytest.mark.heavy
@@ -130,32 +100,6 @@ def test_binned_cameras_see_the_same_at_half_the_pixels():
         assert binned.size == (whole.size[0] // 2, whole.size[1] // 2)
 
 
-def test_the_cameras_are_covered_when_the_plan_says_so():
-    shots = task.job(0).shots
-    times = task.hand(0)[0]
-    lights = np.array([shot.gains for shot in shots])
-    covered = (times >= task.COVERED_S[0]) & (times < task.COVERED_S[1])
-    dark = (times >= task.DARK_S[0]) & (times < task.DARK_S[1])
-    assert (lights[covered] == [1, 0, 1]).all()
-    assert (lights[dark] == 0).all()
-    assert (lights[~covered & ~dark] == 1).all()
-
-
-def test_the_block_is_where_the_plan_has_it():
-    model = load_robot().model
-    middle, half = model.body("block").pos, model.geom("block").size
-    assert 1000 * (middle[1] - half[1]) == pytest.approx(task.SIDE_MM[1])
-    assert 1000 * (middle[2] + half[2]) == pytest.approx(task.TARGET_MM[2])
-    assert 1000 * middle[:2] == pytest.approx(task.TARGET_MM[:2])
-    assert 1000 * model.geom("tool").size[0] == pytest.approx(task.RADIUS_MM)
-
-
-def test_the_command_brings_its_own_clutch(tmp_path, capsys):
-    arguments = ["teleop", "--task", "--clutch", "c.csv", "--out", str(tmp_path / "out")]
-    assert main(arguments) == 2
-    assert "--task: brings its own clutch" in capsys.readouterr().err
-
-
 def test_the_clutchs_table_closes_and_opens_it_as_the_legs_are_and_keeps_the_scale_when_open():
     rows = [line.split(",") for line in task.script().split()]
     assert rows[0] == ["t_s", "closed", "scale"]
@@ -173,20 +117,3 @@ def test_the_clutchs_table_closes_and_opens_it_as_the_legs_are_and_keeps_the_sca
     scales = [float(scale) for _, _, scale in rows[1:]]
     opened = [k for k, (_, closed, _) in enumerate(rows[1:]) if closed == "0"]
     assert [scales[k] for k in opened] == [scales[k - 1] for k in opened]
-
-
-def test_the_command_performs_the_task_and_says_what_it_came_to(monkeypatch, capsys):
-    def performed(out, seed, method, video):
-        assert (out, seed, video) == ("new", 3, False)
-        return Done(
-            pd.DataFrame({"status": ["measured", "lost", "measured"]}),
-            pd.DataFrame({"t_s": range(50)}),
-            pd.DataFrame({"event": ["clutch", "hold", "hold"], "detail": ["", "reach", "speed"]}),
-        )
-
-    monkeypatch.setattr(task, "perform", performed)
-    assert main(["teleop", "--task", "--seed", "3", "--no-video", "--out", "new"]) == 0
-    assert capsys.readouterr().out == (
-        "3 instants: 2 measured, 1 lost; 50 ticks of the arm, 2 holds (the first: reach); "
-        "written to new\n"
-    )

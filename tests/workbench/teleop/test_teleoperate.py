@@ -1,5 +1,6 @@
 """The whole loop, from images to the arm: its files, what stops it, and what it refuses."""
 
+from contextlib import nullcontext
 from itertools import chain, islice
 from pathlib import Path
 
@@ -7,17 +8,16 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
+from healthy import run
 
 pytest.importorskip("mink", reason="the extra 'slave' is missing")
 
 from trinolab.bench.rendering import standard_recording
 from trinolab.datasets import data_path
-from trinolab.files.journal import locked
 from trinolab.files.poses import read_poses
 from trinolab.slave.arm import load_robot
 from trinolab.slave.control import TICK_S
-from workbench.cli import main
-from workbench.teleop.teleoperate import recorded, simulated, teleoperate
+from workbench.teleop.teleoperate import recorded, teleoperate
 
 ROBOT = load_robot()
 
@@ -48,11 +48,8 @@ def test_a_recording_moves_the_arm_as_the_hand_moved(recording, tmp_path):
     joints, events, poses = (
         pd.read_csv(tmp_path / "out" / f"{name}.csv") for name in ("joints", "events", "poses")
     )
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "events.csv",
-        "joints.csv",
-        "poses.csv",
-    ]
+    names = sorted(path.name for path in (tmp_path / "out").iterdir())
+    assert names == ["events.csv", "joints.csv", "poses.csv"]
     np.testing.assert_allclose(joints, done.joints, rtol=1e-6, atol=1e-9)
     check_limits(joints)
     assert events["event"].tolist() == ["clutch closed"]
@@ -77,31 +74,18 @@ def shortened(recording, first, last, folder):
             (folder / "images" / camera.name / path.name).symlink_to(path)
     rows = [f"{k},{k / 30:.9f}" for k in range(last - first)]
     (folder / "timestamps.csv").write_text("\n".join(["frame,t_s", *rows, ""]))
-    return folder
 
 
-def test_the_command_with_its_video_and_a_clutch(recording, tmp_path, capsys):
+def test_the_command_with_its_video_and_a_clutch(recording, tmp_path, monkeypatch, capsys):
     (tmp_path / "short").mkdir()
     # the hand comes with the seventh frame
-    short = shortened(recording, 24, 42, tmp_path / "short")
+    shortened(recording, 24, 42, tmp_path / "short")
     (tmp_path / "clutch.csv").write_text("t_s,closed,scale\n0.3,1,1\n0.4,0,2\n0.5,1,2\n")
-    assert (
-        main(
-            [
-                "teleop",
-                "--recording",
-                str(short),
-                "--clutch",
-                str(tmp_path / "clutch.csv"),
-                "--out",
-                str(tmp_path / "new"),
-            ]
-        )
-        == 0
-    )
+    monkeypatch.chdir(tmp_path)
+    assert run("teleop short --clutch clutch.csv --out new") == 0
     out = capsys.readouterr().out
     assert out.startswith("18 instants: 12 measured, 6 before the first pose; ")
-    assert out.endswith(f"0 holds; written to {tmp_path / 'new'}\n")
+    assert out.endswith("0 holds; written to new\n")
     events = pd.read_csv(tmp_path / "new" / "events.csv")
     # another scale holds from the next closing on
     wanted = ["clutch closed", "clutch open", "scale", "clutch closed"]
@@ -121,15 +105,6 @@ def test_the_command_with_its_video_and_a_clutch(recording, tmp_path, capsys):
     assert np.ptp(still[["tool_x_mm", "tool_y_mm", "tool_z_mm"]], axis=0).max() < 0.01
 
 
-def test_the_simulation_is_filmed_as_it_goes(tmp_path):
-    source = simulated(
-        data_path("rigs", "paper_pair.toml"), data_path("handles", "coded.toml"), seconds=0.2
-    )
-    done = teleoperate(source, tmp_path / "out", video=False, progress=False)
-    assert done.poses["status"].tolist() == ["lost"] * 6  # the hand comes later
-    assert len(done.joints) == pytest.approx(5 / 30 / TICK_S, abs=4)
-
-
 def failing(recording, error):
     """Six instants, then something stops it."""
 
@@ -141,69 +116,39 @@ def failing(recording, error):
     return source._replace(frames=chain(source.frames, stopped()))
 
 
-def test_a_session_that_is_stopped_is_written(recording, tmp_path, caplog):
-    done = teleoperate(
-        failing(recording, KeyboardInterrupt()), tmp_path / "out", video=False, progress=False
-    )
-    assert len(done.poses) == 6
-    assert "stopped at 6 of 6 instants; what is done is written" in caplog.text
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), ValueError("x.png: cannot be read")])
+def test_a_session_that_is_stopped_is_written(recording, tmp_path, caplog, error):
+    is_damaged = isinstance(error, ValueError)
+    with pytest.raises(ValueError, match="cannot be read") if is_damaged else nullcontext():
+        teleoperate(failing(recording, error), tmp_path / "out", video=False, progress=False)
+    said = "stopped at 6 of 6 instants; what is done is written" in caplog.text
+    assert said != is_damaged
     assert len(pd.read_csv(tmp_path / "out" / "poses.csv")) == 6
-
-
-def test_the_second_of_two_sessions_in_one_folder_is_refused(recording, tmp_path):
-    (tmp_path / "out").mkdir()
-    with (
-        locked(tmp_path / "out"),
-        pytest.raises(ValueError, match="out: another process works on it"),
-    ):
-        teleoperate(part(recording, 30, 32), tmp_path / "out", video=False, progress=False)
-    assert list((tmp_path / "out").iterdir()) == []
-
-
-def test_a_damaged_image_costs_what_comes_after_it(recording, tmp_path):
-    with pytest.raises(ValueError, match="cannot be read"):
-        teleoperate(
-            failing(recording, ValueError("x.png: cannot be read")),
-            tmp_path / "out",
-            video=False,
-            progress=False,
-        )
     assert len(pd.read_csv(tmp_path / "out" / "joints.csv")) > 50
 
 
+SIMULATION = "teleop --live-simulation --rig raised_40deg --handle coded --out new --no-video"
+
+
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("options", "said"),
     [
-        (["--robot", "ur6"], "ur6: no such file, and no shipped arm (ur5)"),
-        (["--robot", "none.xml"], "none.xml: no such file"),
-        (["--scale", "0"], "scale: expected"),
-        (["--turn-scale", "nan"], "turn_scale: expected"),
-        (["--clutch", "none.csv"], "none.csv: cannot be read"),
-        (["--clutch", "words.csv"], "words.csv: no column 't_s'"),
-        (
-            ["--clutch", "back.csv"],
-            "back.csv: expected times that increase, each with closed 0 or 1",
-        ),
-        (
-            ["--clutch", "half.csv"],
-            "half.csv: expected times that increase, each with closed 0 or 1",
-        ),
-        (["--clutch", "zero.csv"], "zero.csv: column 'scale' expects numbers above 0"),
-        (["--view", "none.toml"], "none.toml: "),
-        (["--out", "full"], "full: exists already; name another folder, or remove it"),
-        (["--out", "none/new"], "none/new: no such folder to write into"),
-        (["--handle", "none.toml"], "none.toml: "),
-        (["--start", "knee=1"], "start: unknown joint 'knee'; there are shoulder_pan"),
-        (["--start", "elbow=4"], "start: elbow: expected"),
-        (["--start", "elbow"], "--start: expected JOINT=RAD, got 'elbow'"),
-        (["--start", "elbow=nan"], "start: elbow: expected"),
-        (["--start", "shoulder_lift=-1.1"], "q: at the start the tool"),
-        (["--rig", "none.toml"], "none.toml: "),
-        (["--recording", "none"], "none: no such folder"),
-        (["--recording", "back.csv"], "back.csv: expected a recording folder, got a file"),
+        ("--robot ur6", "ur6: no such file, and no shipped arm (ur5)"),
+        ("--turn-scale nan", "turn_scale: expected"),
+        ("--clutch words.csv", "words.csv: no column 't_s'"),
+        ("--clutch back.csv", "back.csv: expected times that increase, each with closed 0 or 1"),
+        ("--clutch half.csv", "half.csv: expected times that increase, each with closed 0 or 1"),
+        ("--clutch zero.csv", "zero.csv: column 'scale' expects numbers above 0"),
+        ("--view none.toml", "none.toml: "),
+        ("--out full", "full: exists already; name another folder, or remove it"),
+        ("--start knee=1", "start: unknown joint 'knee'; there are shoulder_pan"),
+        ("--start elbow=4", "start: elbow: expected"),
+        ("--start elbow=nan", "start: elbow: expected"),
+        ("--start shoulder_lift=-1.1", "q: at the start the tool"),
+        ("--seed -1", "seed: expected a number in"),
     ],
 )
-def test_what_is_refused_in_a_line(recording, tmp_path, monkeypatch, capsys, arguments, said):
+def test_what_is_refused_in_a_line(tmp_path, monkeypatch, capsys, options, said):
     monkeypatch.chdir(tmp_path)
     Path("full").mkdir()
     for name, text in {
@@ -215,22 +160,18 @@ def test_what_is_refused_in_a_line(recording, tmp_path, monkeypatch, capsys, arg
     }.items():
         Path(name).write_text(text)
     before = sorted(Path().rglob("*"))
-    line = ["teleop", "--recording", str(recording), "--out", "new", "--no-video", *arguments]
-    assert main(line) == 2
-    err = capsys.readouterr().err
-    assert said in err
-    assert err.count("\n") == 1
+    assert run(f"{SIMULATION} {options}") == 2
+    (refusal,) = capsys.readouterr().err.splitlines()
+    assert said in refusal
     assert sorted(Path().rglob("*")) == before
 
 
-def test_a_simulation_needs_cameras_and_a_handle(tmp_path, capsys):
-    assert main(["teleop", "--live-simulation", "--out", str(tmp_path / "new")]) == 2
-    assert "--live-simulation: needs --rig and --handle" in capsys.readouterr().err
-
-
-def test_a_seed_of_a_simulation_is_none_below_zero(tmp_path):
-    with pytest.raises(ValueError, match=r"^seed: expected a number in"):
-        simulated(data_path("rigs", "raised_40deg.toml"), data_path("handles", "coded.toml"), 1, -1)
+def test_the_simulation_is_filmed_as_it_goes(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert run(f"{SIMULATION} --seconds 0.2") == 0
+    # the hand comes later
+    assert pd.read_csv("new/poses.csv")["status"].tolist() == ["lost"] * 6
+    assert len(pd.read_csv("new/joints.csv")) == pytest.approx(5 / 30 / TICK_S, abs=4)
 
 
 def test_the_shipped_view_sees_where_the_tool_works():

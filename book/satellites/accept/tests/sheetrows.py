@@ -12,6 +12,7 @@ from trinolab.pose import LOST, Pose
 from trinolab.rigid import shifted
 
 RIGS = ("paper_pair", "paper_trinocular", "raised_40deg")
+COVARIANCE = np.diag([0.01**2] * 3 + [0.001**2] * 3)
 
 
 @cache
@@ -19,11 +20,10 @@ def setup(rig="raised_40deg", handle="coded", poses=64):
     return Setup(load_rig(rig), load_handle(handle), poses)
 
 
-def rows_of(poses, off=None, lost=(), times=None):
+def rows_of(poses, off=None, lost=(), times=None, covariance=COVARIANCE):
     """Rows of measured poses that are off their truth by (n, 6), but for those that are lost."""
     off = np.zeros((len(poses), 6)) if off is None else off
     times = np.arange(len(poses)) / FPS if times is None else times
-    covariance = np.diag([0.01**2] * 3 + [0.001**2] * 3)
     measured = [
         LOST if k in lost else Pose("measured", shifted(T, off[k]), covariance, 0.1, 6, 3)
         for k, T in enumerate(poses)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import RigidTransform, Rotation
-from sheetrows import pointer_rows, rows_of, setup, static_rows
+from sheetrows import COVARIANCE, RIGS, pointer_rows, rows_of, setup, static_rows
 
 from satellites.accept import (
     arm,
@@ -22,20 +22,17 @@ from satellites.accept import (
     tracks,
 )
 from satellites.accept.numbers import LARGEST
-from satellites.accept.setup import Setup, drawn_at, field_of, sobol_poses
+from satellites.accept.setup import Setup, field_of, sobol_poses
 from satellites.accept.tracks import FPS, as_track, track_of_table
 from trinolab.bench.scenario import seen_markers
 from trinolab.bench.scene import scaled
-from trinolab.camera import Camera, Rig, RigCovariance
+from trinolab.camera import Rig, RigCovariance
 from trinolab.datasets import load_handle, load_rig
 from trinolab.files.poses import pose_table
 from trinolab.handle import slant_angles
 from trinolab.pose import LOST, Pose
 from trinolab.rigid import shifted
-from trinolab.workspace import view_volume
 from workbench import intervals
-
-RIGS = ("paper_pair", "paper_trinocular", "raised_40deg")
 
 
 def value(answer, what, statistic):
@@ -48,17 +45,15 @@ def value(answer, what, statistic):
 
 
 @pytest.mark.parametrize("rig", RIGS)
-def test_every_marker_of_every_pose_is_in_every_image(rig):
+def test_field_is_what_counting_gives(rig):
+    """Random points of the field's box, judged by the images of a ball's outermost points; and every
+    marker of every pose is in every image.
+    """
     one = setup(rig)
-    for T in sobol_poses(one.field, 64, 0).poses:
+    field = one.field
+    for T in sobol_poses(field, 64, 0).poses:
         for camera in one.rig.cameras:
             assert camera.sees(T.apply(one.handle.marker_centres)).all()
-
-
-@pytest.mark.parametrize("rig", RIGS)
-def test_field_is_what_counting_gives(rig):
-    """Random points of the field's box, judged by the images of a ball's outermost points."""
-    field = setup(rig).field
     rng = np.random.default_rng(0)
     points = rng.uniform(*field.box, (300, 3))
     held = field.holds(points)
@@ -71,67 +66,31 @@ def test_field_is_what_counting_gives(rig):
     assert 0.02 < held.mean() < 0.9
 
 
-def test_a_view_that_ends_is_a_cut_pyramid():
-    """Two cameras in nearly one place see nearly one pyramid: a third of base times height."""
-    camera = load_rig("paper_pair").cameras[0]
-    aside = RigidTransform.from_translation([-1e-4, 0, 0]) * camera.T_cam_world
-    twin = Camera("twin", camera.size, camera.matrix, camera.distortions, aside)
-    view = view_volume(Rig((camera, twin)), 600.0)
-    base = 600.0**2 * np.prod(np.array(camera.size) / camera.focal)
-    assert view.status == "bounded"
-    assert view.volume == pytest.approx(base * 600.0 / 3, rel=1e-6)
-
-
-def test_a_pair_without_an_end_has_a_field():
-    """It ends where a marker is 8 px large: 2956 px / mm x 3 mm / 8 px."""
-    assert view_volume(load_rig("paper_pair")).status == "unbounded"
-    assert setup("paper_pair").field.farthest_mm == pytest.approx(2939.5353 * 3 / 8, rel=1e-3)
-
-
 def test_lens_distortion_is_in_the_field():
     """With a barrel lens the corners of the image see further out."""
     rig = load_rig("raised_40deg")
-    bent = Rig(
-        tuple(
-            Camera(c.name, c.size, c.matrix, np.array([-0.3, 0, 0, 0, 0]), c.T_cam_world)
-            for c in rig.cameras
-        )
-    )
+    bent = Rig(tuple(replace(c, distortions=[-0.3, 0, 0, 0, 0]) for c in rig.cameras))
     straight, curved = (field_of(one, load_handle("coded")) for one in (rig, bent))
     assert len(curved.points) > len(straight.points)
 
 
-def test_cameras_that_share_nothing_are_refused():
-    a, b = load_rig("paper_pair").cameras
-    back = RigidTransform.from_rotation(Rotation.from_rotvec([0, np.pi, 0]))
-    turned = Camera("b", b.size, b.matrix, b.distortions, b.T_cam_world * back)
-    with pytest.raises(ValueError, match="no field of view in common"):
-        field_of(Rig((a, turned)), load_handle("coded"))
-
-
-def test_a_field_too_small_for_the_handle_is_refused():
-    one = setup()
-    rows = tuple(tuple(8 * row for row in column) for column in one.handle.rows_mm)
-    top, length = 8 * one.handle.top_mm, 8 * one.handle.length_mm
-    long = replace(one.handle, rows_mm=rows, top_mm=top, length_mm=length)
-    with pytest.raises(ValueError, match="in common is too small for the handle"):
-        field_of(one.rig, long)
-
-
-def test_a_field_has_the_same_axes_whatever_signs_singular_vectors_have(monkeypatch):
-    field = field_of(load_rig("raised_40deg"), load_handle("coded"))
-    axes = field.axes
-    local = (field.points - field.centre) @ axes.T
-    assert (np.diff(local.std(axis=0)) < 0).all()
-    np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
-    svd = np.linalg.svd
-
-    def others(*arguments, **options):
-        U, S, Vt = svd(*arguments, **options)
-        return U, S, Vt * [[-1], [1], [-1]]
-
-    monkeypatch.setattr(np.linalg, "svd", others)
-    np.testing.assert_array_equal(field.axes, axes)
+@pytest.mark.parametrize(
+    ("rig", "turn", "longer", "said"),
+    [
+        ("paper_pair", np.pi, 1, "no field of view in common"),
+        ("raised_40deg", 0.0, 8, "in common is too small for the handle"),
+    ],
+)
+def test_cameras_that_do_not_hold_the_handle_in_common_are_refused(rig, turn, longer, said):
+    first, *others = load_rig(rig).cameras
+    back = RigidTransform.from_rotation(Rotation.from_rotvec([0, turn, 0]))
+    turned = replace(first, T_cam_world=first.T_cam_world * back)
+    coded = load_handle("coded")
+    rows = tuple(tuple(longer * row for row in column) for column in coded.rows_mm)
+    top, length = longer * coded.top_mm, longer * coded.length_mm
+    long = replace(coded, rows_mm=rows, top_mm=top, length_mm=length)
+    with pytest.raises(ValueError, match=said):
+        field_of(Rig((turned, *others)), long)
 
 
 def test_sobol_poses_are_even():
@@ -141,6 +100,8 @@ def test_sobol_poses_are_even():
     field = setup().field
     drawn = sobol_poses(field, 512, 0)
     tilt, azimuth, turn = drawn.freedoms[:, 3:].T
+    axes = drawn.poses.rotation.as_matrix()[:, :, 1]
+    assert np.rad2deg(np.arccos(axes @ field.rig.cameras[0].axis)) == pytest.approx(tilt)
     assert tilt.min() > 59.999
     assert tilt.max() < 120.001
     for angle in (azimuth, turn):
@@ -148,14 +109,6 @@ def test_sobol_poses_are_even():
         assert abs((angle < 180).sum() - 256) < 22
     fewer = sobol_poses(field, 32, 0)
     assert np.allclose(fewer.freedoms, drawn.freedoms[:32])
-
-
-def test_tilt_is_that_of_the_axis():
-    field = setup().field
-    drawn = drawn_at(field, np.random.default_rng(0).uniform(size=(5, 6)))
-    axes = drawn.poses.rotation.as_matrix()[:, :, 1]
-    tilt = np.rad2deg(np.arccos(axes @ field.rig.cameras[0].axis))
-    assert tilt == pytest.approx(drawn.freedoms[:, 3])
 
 
 # --- A1: rest
@@ -185,17 +138,16 @@ def test_rest_in_numbers():
     # of 27 lines the steepest is less than four standard deviations from none
     spread = 60 * 0.01 / (np.std(np.arange(200) / FPS) * np.sqrt(200))
     assert abs(drift.value) < 4 * spread
-    jitter = rest.jitter_of([as_track(rows) for rows in found])
-    assert jitter == pytest.approx((0.01, 0.1), rel=0.04)
-
-
-def test_drift_is_found():
-    """A place that moves by 0.1 mm a minute along x."""
-    n = 200
-    off = np.random.default_rng(1).normal(size=(n, 6)) * 1e-4
-    off[:, 0] += 0.1 / 60 * np.arange(n) / FPS
-    answer = rest.judge_tracks([as_track(rows_of([rest.places(setup())[0]] * n, off))], 0, "x")
-    drift = value(answer, "drift, position", "steepest of all axes")
+    all_at_rest = [as_track(rows) for rows in found]
+    assert rest.jitter_of(all_at_rest) == pytest.approx((0.01, 0.1), rel=0.04)
+    # only what was timed says how long a measurement takes; poses of a file bring no times along
+    (number,) = rest.time([all_at_rest[0], all_at_rest[1]._replace(cpu_s=np.full(200, np.nan))])
+    assert (number.what, number.value, number.n) == ("time of a measurement", 10.0, 198)
+    # a place that moves by 0.1 mm a minute along x
+    off = np.random.default_rng(1).normal(size=(200, 6)) * 1e-4
+    off[:, 0] += 0.1 / 60 * np.arange(200) / FPS
+    moves = rest.judge_tracks([as_track(rows_of([places[0]] * 200, off))], 0, "x")
+    drift = value(moves, "drift, position", "steepest of all axes")
     assert drift.low < 0.1 < drift.high
     assert drift.value == pytest.approx(0.1, rel=0.1)
 
@@ -209,36 +161,21 @@ def test_a_rest_with_gaps_has_its_jitter_and_no_allan_deviation():
     assert not [one for one in answer.numbers if "Allan" in one.what]
     assert not answer.pictures
     assert "No Allan deviation: instants are missing at every place." in answer.notes
+    hardly = rest.judge(setup(), [rows_of([T] * 12, lost=range(2, 12))])
+    assert (hardly.numbers, hardly.pictures) == ([], [])
+    assert hardly.notes == ["No place was measured in eight instants."]
 
 
 def test_a_recording_is_at_rest_or_not():
     T = rest.places(setup())[0]
-    still = np.zeros((50, 6))
-    moved = still.copy()
-    moved[:, 1] = np.linspace(0, 3, 50)
-    turned = still.copy()
-    turned[:, 4] = np.linspace(0, np.deg2rad(5), 50)
-    assert rest.at_rest(as_track(rows_of([T] * 50, still)))
-    assert not rest.at_rest(as_track(rows_of([T] * 50, moved)))
-    assert not rest.at_rest(as_track(rows_of([T] * 50, turned)))
-    assert not rest.at_rest(as_track(rows_of([T] * 50, still, lost=range(50))))
-
-
-def test_places_that_were_hardly_measured_give_a_note_in_place_of_numbers():
-    T = rest.places(setup())[0]
-    answer = rest.judge(setup(), [rows_of([T] * 12, lost=range(2, 12))])
-    assert answer.numbers == []
-    assert answer.pictures == []
-    assert answer.notes == ["No place was measured in eight instants."]
-
-
-def test_only_what_was_timed_says_how_long_a_measurement_takes():
-    """Poses that were read from a file bring no processor time along."""
-    timed = as_track(rows_of([rest.places(setup())[0]] * 40))
-    read = timed._replace(cpu_s=np.full(40, np.nan))
-    (number,) = rest.time([timed, read])
-    assert (number.what, number.value, number.n) == ("time of a measurement", 10.0, 38)
-    assert rest.time([read]) == []
+    for way, lost, is_at_rest in (
+        (np.zeros(6), (), True),
+        ([0, 3, 0, 0, 0, 0], (), False),
+        ([0, 0, 0, 0, np.deg2rad(5), 0], (), False),
+        (np.zeros(6), range(50), False),
+    ):
+        off = np.outer(np.linspace(0, 1, 50), way)
+        assert rest.at_rest(as_track(rows_of([T] * 50, off, lost))) == is_at_rest
 
 
 # --- A2: static accuracy
@@ -270,14 +207,6 @@ def test_static_errors_before_and_after_registration():
     assert value(answer, far, "count").value == 0
 
 
-def test_a_field_where_nothing_is_measured_has_its_share_and_no_errors():
-    one = setup(poses=8)
-    answer = static.judge(one, static_rows(one, None, lost=range(8)))
-    (number,) = answer.numbers
-    assert (number.what, number.value, number.n) == ("poses measured", 0.0, 8)
-    assert answer.pictures == []
-
-
 def test_static_numbers_of_known_errors():
     """Half of the poses off by 0.01 mm, half by 0.03 mm along z; four are lost, one is far off."""
     one = setup()
@@ -296,6 +225,28 @@ def test_static_numbers_of_known_errors():
     assert value(answer, "true / reported position error", "rms").value == pytest.approx(
         np.sqrt((known**2).mean()) / (0.01 * np.sqrt(3))
     )
+
+
+def test_what_is_hardly_measured_has_its_share_and_no_errors():
+    one = setup(poses=8)
+    answer = static.judge(one, static_rows(one, None, lost=range(8)))
+    (number,) = answer.numbers
+    assert (number.what, number.value, number.n) == ("poses measured", 0.0, 8)
+    bar = moving.judge(one, moving_rows(one, lost=lambda k: range(1000)))
+    assert {(number.what[:19], number.value) for number in bar.numbers} == {
+        ("both ends measured ", 0.0)
+    }
+    assert answer.pictures == bar.pictures == []
+    drawn = pointer.touches(one)
+    touched = pointer.judge(one, [rows_of(drawn.poses, lost=range(2, drawn.pivoted))])
+    assert touched.notes[-1] == "Too few poses were measured for the tip."
+    assert not any("tip" in number.what for number in touched.numbers)
+    rows = [rows_of(poses, times=times) for times, poses, _ in sines(one)]
+    times, poses, _ = latency.sine(one, 1)
+    rows[1] = rows_of(poses, lost=range(7, len(times)), times=times)
+    delays = {n.what for n in latency.judge(one, rows).numbers if n.statistic == "delay"}
+    assert any("sine of 0.5 Hz" in what for what in delays)
+    assert not any("sine of 1 Hz" in what for what in delays)
 
 
 def test_what_goes_with_an_error_is_found():
@@ -325,13 +276,6 @@ def test_both_ends_stay_in_the_field(rig):
     for raster in range(2 * len(moving.SPEEDS_MM_S)):
         for end in moving.ends_of(one, raster):
             assert one.field.holds(end.translation).all()
-
-
-def test_bar_of_the_standard_rig():
-    bar = moving.bar_of(setup().field)
-    assert bar.length_mm == 300
-    assert np.linalg.norm(bar.direction) == pytest.approx(1)
-    assert abs(bar.ways @ bar.direction).max() < 1e-9
 
 
 @pytest.mark.parametrize("raster", range(8))
@@ -364,9 +308,12 @@ def moving_rows(one, off=None, lost=None):
 def test_bar_of_known_ends():
     """The second end is off by 0.2 mm along the bar: the bar is as much too long."""
     one = setup()
-    direction = moving.bar_of(one.field).direction
+    bar = moving.bar_of(one.field)
+    assert bar.length_mm == 300
+    assert np.linalg.norm(bar.direction) == pytest.approx(1)
+    assert abs(bar.ways @ bar.direction).max() < 1e-9
     off = np.zeros((2, 6))
-    off[1, :3] = 0.2 * direction
+    off[1, :3] = 0.2 * bar.direction
     answer = moving.judge(one, moving_rows(one, off))
     for speed in ("0.1", "0.2", "0.5", "1"):
         length = value(answer, f"bar's length at {speed} m/s", "rms")
@@ -374,44 +321,15 @@ def test_bar_of_known_ends():
         assert value(answer, f"relative position at {speed} m/s", "rms").value == pytest.approx(0.2)
         assert value(answer, f"relative angle at {speed} m/s", "largest").value < 1e-6
         assert value(answer, f"both ends measured at {speed} m/s", "share").value == 100
-
-
-def test_an_angle_of_the_first_end_counts_with_the_bar():
-    one = setup()
-    bar = moving.bar_of(one.field)
-    across = bar.ways[0]
+    # an angle of the first end counts with the bar as its lever
     off = np.zeros((2, 6))
-    off[0, 3:] = np.deg2rad(0.1) * across
+    off[0, 3:] = np.deg2rad(0.1) * bar.ways[0]
     answer = moving.judge(one, moving_rows(one, off))
     lever = 2 * bar.length_mm * np.sin(np.deg2rad(0.05))
     position = value(answer, "relative position at 0.1 m/s", "rms").value
     assert position == pytest.approx(lever, rel=1e-6)
     assert value(answer, "relative angle at 0.1 m/s", "rms").value == pytest.approx(0.1, rel=1e-6)
     assert value(answer, "bar's length at 0.1 m/s", "rms").value < 1e-9
-
-
-def test_an_instant_counts_where_both_ends_are_measured():
-    one = setup()
-    answer = moving.judge(one, moving_rows(one, lost=lambda k: (0, 1) if k % 2 else (1, 2)))
-    counts = [n for n in answer.numbers if n.what.startswith("both ends")]
-    all_of, measured = sum(n.n for n in counts), sum(n.n * n.value / 100 for n in counts)
-    missing = 0
-    for raster in range(8):
-        speed = np.linalg.norm(moving.path_of(one, raster).velocities, axis=1)
-        missing += (speed[:3] >= 50).sum()
-        all_of -= (speed >= 50).sum()
-    assert all_of == 0
-    assert measured == pytest.approx(sum(n.n for n in counts) - missing)
-
-
-def test_a_bar_that_is_never_measured_has_its_shares_and_no_errors():
-    one = setup()
-    answer = moving.judge(one, moving_rows(one, lost=lambda k: range(1000)))
-    assert {number.what for number in answer.numbers} == {
-        f"both ends measured at {speed} m/s" for speed in ("0.1", "0.2", "0.5", "1")
-    }
-    assert {number.value for number in answer.numbers} == {0.0}
-    assert answer.pictures == []
 
 
 # --- A4: the pointer
@@ -433,43 +351,21 @@ def test_pivot_of_a_known_tip():
     )
     assert np.concatenate([found.tip, found.point]) == pytest.approx(other.x, abs=1e-5)
     assert found.off.ravel() == pytest.approx(other.fun, abs=1e-5)
+    about_one_axis = Rotation.from_rotvec(np.linspace(0, 1, 20)[:, None] * [0, 1.0, 0])
+    assert pointer.calibrate_pivot(RigidTransform.from_rotation(about_one_axis)) is None
 
 
-def test_a_turn_about_one_axis_has_no_pivot():
-    turns = Rotation.from_rotvec(np.linspace(0, 1, 10)[:, None] * [0, 1.0, 0])
-    poses = RigidTransform.from_components(np.tile([0, 0, 500.0], (10, 1)), turns)
-    assert pointer.calibrate_pivot(poses) is None
-
-
-@pytest.mark.parametrize("rig", RIGS)
-def test_touches_hold_the_tip(rig):
-    one = setup(rig)
-    drawn = pointer.touches(one)
-    tips = np.array([T.apply(pointer.TIP_MM) for T in drawn.poses])
-    assert tips == pytest.approx(drawn.points, abs=1e-9)
-    assert one.field.holds(drawn.poses.translation).all()
-    assert np.ptp(drawn.points[: drawn.pivoted], axis=0).max() == 0
-    down = one.rig.cameras[0].T_world_cam.rotation.as_matrix()[:, 1]
-    axes = drawn.poses.rotation.as_matrix()[:, :, 1]
-    tilt = np.rad2deg(np.arccos(np.clip(axes @ down, -1, 1)))
-    assert tilt.max() <= pointer.CONE_DEG + 1e-6
-    assert tilt.max() > 0.6 * pointer.CONE_DEG
-
-
-def test_pointer_of_exact_poses_errs_nowhere():
-    answer = pointer.judge(setup(), pointer_rows(setup()))
+def test_pointer_of_noisy_poses():
+    """0.02 mm about each axis, no turn: the tip scatters by it, a distance by sqrt 2 of one
+    axis. Exact ones err nowhere.
+    """
+    exact = pointer.judge(setup(), pointer_rows(setup()))
     for what, statistic in (
         ("tip held at one point, scatter", "largest"),
         ("tip from pivoting, error", "distance"),
         ("distance between two points, error", "largest"),
     ):
-        assert value(answer, what, statistic).value < 1e-9
-
-
-def test_pointer_of_noisy_poses():
-    """0.02 mm about each axis, no turn: the tip scatters by it, a distance by sqrt 2 of one
-    axis.
-    """
+        assert value(exact, what, statistic).value < 1e-9
     one = setup(poses=512)
     n = len(pointer.touches(one).points)
     off = np.zeros((n, 6))
@@ -481,40 +377,18 @@ def test_pointer_of_noisy_poses():
     assert distance.low < 0.02 * np.sqrt(2) < 1.1 * distance.high
 
 
-def test_a_recorded_pivot_is_known_as_one():
-    one = setup()
-    drawn = pointer.touches(one)
-    pivoted = as_track(rows_of(drawn.poses[: drawn.pivoted]))
-    answer = pointer.judge_recording(pivoted, "recording a")
-    assert value(answer, "tip held at one point, scatter", "largest").value < 1e-9
-    elsewhere = as_track(rows_of(drawn.poses[drawn.pivoted :]))
-    assert pointer.judge_recording(elsewhere, "recording b").numbers == []
-
-
-def test_too_few_touches_for_the_tip_are_a_note():
-    one = setup()
-    drawn = pointer.touches(one)
-    rows = rows_of(drawn.poses, lost=range(2, drawn.pivoted))
-    answer = pointer.judge(one, [rows])
-    assert answer.notes[-1] == "Too few poses were measured for the tip."
-    assert not any("tip" in number.what for number in answer.numbers)
-
-
-def test_seven_poses_of_a_recording_are_no_pivot():
+def test_eight_poses_about_a_point_are_known_as_a_pivot():
     drawn = pointer.touches(setup())
-    eight = as_track(rows_of(drawn.poses[:8]))
-    seven = as_track(rows_of(drawn.poses[:8], lost=(3,)))
-    assert pointer.judge_recording(eight, "recording a").numbers != []
-    assert pointer.judge_recording(seven, "recording a").numbers == []
-
-
-def test_a_field_without_room_to_pivot_is_refused():
-    """The point to touch lies further from the field than the tip reaches."""
-    one = setup()
-    away = one.field.centre + [0.0, 0.0, 1e5]
-    down = one.rig.cameras[0].T_world_cam.rotation.as_matrix()[:, 1]
-    with pytest.raises(ValueError, match="no room to pivot the handle"):
-        pointer.touching(one, away, down, np.random.default_rng(0), tries=5)
+    eight, seven, elsewhere = (
+        pointer.judge_recording(as_track(rows), "recording a")
+        for rows in (
+            rows_of(drawn.poses[:8]),
+            rows_of(drawn.poses[:8], lost=(3,)),
+            rows_of(drawn.poses[drawn.pivoted :]),
+        )
+    )
+    assert value(eight, "tip held at one point, scatter", "largest").value < 1e-9
+    assert seven.numbers == elsewhere.numbers == []
 
 
 # --- A5: latency
@@ -545,28 +419,17 @@ def test_a_held_value_is_half_an_interval_old():
     assert delay == pytest.approx(age + 0.5 / FPS, abs=5e-4)
 
 
-def test_latency_of_exact_poses():
-    one = setup()
-    rows = []
-    for k in range(latency.parts(one)):
-        times, poses, velocities = latency.sine(one, k)
-        rows.append(rows_of(poses, times=times))
-        assert np.linalg.norm(velocities, axis=1).max() <= 30.1 * 2 * np.pi * latency.RATES_HZ[k]
-    answer = latency.judge(one, rows)
-    for rate in ("0.5", "1", "2"):
-        own = value(answer, f"pose against its own time, sine of {rate} Hz", "delay")
-        assert own.value == pytest.approx(0, abs=1e-6)
-    # rows_of says 10 ms a measurement; half of the exposure is 5 ms
-    assert value(answer, "age of a pose when it is there", "median").value == pytest.approx(15)
+def sines(one):
+    return [latency.sine(one, k) for k in range(latency.parts(one))]
 
 
-def test_latency_says_how_bad_it_gets():
+def test_latency_of_exact_poses_and_how_bad_it_gets():
     """Of three sines the first two instants, a search, do not count."""
     one = setup()
     rows = []
     counted = []
-    for k in range(latency.parts(one)):
-        times, poses, _ = latency.sine(one, k)
+    for k, (times, poses, velocities) in enumerate(sines(one)):
+        assert np.linalg.norm(velocities, axis=1).max() <= 30.1 * 2 * np.pi * latency.RATES_HZ[k]
         of_sine = rows_of(poses, times=times)
         cpu_ms = np.arange(len(times)) + 100.0 * k
         rows.append(
@@ -575,6 +438,9 @@ def test_latency_says_how_bad_it_gets():
         counted.append(cpu_ms[2:])
     ages = np.sort(np.concatenate(counted)) + 5.0
     answer = latency.judge(one, rows)
+    for rate in ("0.5", "1", "2"):
+        own = value(answer, f"pose against its own time, sine of {rate} Hz", "delay")
+        assert own.value == pytest.approx(0, abs=1e-6)
     worst = value(answer, "age of a pose when it is there", LARGEST)
     assert worst.value == pytest.approx(ages[-1])
     assert "95 % sure" in worst.note
@@ -583,21 +449,6 @@ def test_latency_says_how_bad_it_gets():
     assert late.n == worst.n == len(ages)
     taken = value(answer, "time of a measurement in motion", LARGEST)
     assert taken.value == pytest.approx(ages[-1] - 5.0)
-
-
-def test_a_sine_that_is_hardly_measured_has_its_share_and_no_delay():
-    one = setup(poses=8)
-    rows = []
-    for k in range(latency.parts(one)):
-        times, poses, _ = latency.sine(one, k)
-        lost = range(7, len(times)) if k == 1 else ()
-        rows.append(rows_of(poses, lost=lost, times=times))
-    answer = latency.judge(one, rows)
-    slow, fast = (f"{latency.RATES_HZ[k]:g} Hz" for k in (0, 1))
-    assert value(answer, f"sine of {fast}, measured", "share").value < 100
-    delays = [number.what for number in answer.numbers if number.statistic == "delay"]
-    assert any(slow in what for what in delays)
-    assert not any(fast in what for what in delays)
 
 
 # --- A6: availability
@@ -625,15 +476,8 @@ def test_standard_scene_is_in_view():
     one = setup()
     assert availability.before(one) is one.rig
     T = RigidTransform.from_components([500, -300, 80], Rotation.from_rotvec([0.3, 1.0, -0.5]))
-    elsewhere = Rig(
-        tuple(
-            Camera(c.name, c.size, c.matrix, c.distortions, c.T_cam_world * T)
-            for c in one.rig.cameras
-        )
-    )
-    moved = Setup(elsewhere, one.handle, 8)
-    rig = availability.before(moved)
-    assert rig is not elsewhere
+    cameras = [replace(c, T_cam_world=c.T_cam_world * T) for c in one.rig.cameras]
+    rig = availability.before(Setup(Rig(tuple(cameras)), one.handle, 8))
     for camera in rig.cameras:
         assert camera.sees([[0.0, 0.0, 570.0]]).all()
     between = [c.T_cam_world * rig.cameras[0].T_world_cam for c in rig.cameras]
@@ -646,30 +490,28 @@ def test_standard_scene_is_in_view():
 
 
 def test_accuracy_and_repeatability_by_hand():
-    """Four positions at the corners of a square of 2 mm about (1, 0, 0)."""
+    """Four positions at the corners of a square of 2 mm about (1, 0, 0); and four at 1 and 3 mm."""
     positions = np.array([[2, 1, 0], [2, -1, 0], [0, 1, 0], [0, -1, 0.0]])
     found = arm.attained(positions, np.zeros(3))
     assert found.accuracy == pytest.approx(1.0)
     assert found.repeatability == pytest.approx(np.sqrt(2))  # all are as far from their mean
-
-
-def test_repeatability_has_three_deviations():
     positions = np.array([[1.0, 0, 0], [-1, 0, 0], [3, 0, 0], [-3, 0, 0]])
-    distances = np.array([1, 1, 3, 3.0])
+    deviation = np.std([1, 1, 3, 3], ddof=1)
     found = arm.attained(positions, np.zeros(3))
-    assert found.repeatability == pytest.approx(2 + 3 * distances.std(ddof=1))
+    assert found.repeatability == pytest.approx(2 + 3 * deviation)
 
 
 @pytest.mark.parametrize("shape", arm.SHAPES)
-def test_a_path_that_lags_is_exact(shape):
-    """A tool on the commanded path, 0.1 s late: nothing is off, wherever it is looked at."""
-    assert largest_off(shape, 0.0) < 0.01
-
-
-@pytest.mark.parametrize("shape", arm.SHAPES)
-def test_a_path_that_is_shifted_is_off(shape):
-    """By 0.3 mm across its plane: as much at each station, and each round the same."""
-    assert largest_off(shape, 0.3) == pytest.approx(0.3, abs=0.01)
+@pytest.mark.parametrize("above_mm", [0.0, 0.3])
+def test_a_path_is_off_by_its_shift_and_not_by_its_lag(shape, above_mm):
+    """A tool 0.1 s late, shifted across the path's plane: off as much at each station and in each
+    round.
+    """
+    points, off = arm.off_path(shape, trial_of(shape, above_mm))
+    assert len(points) == len(arm.stations(shape))
+    assert off.shape == (len(points), arm.ROUNDS, 3)
+    assert np.abs(off - off.mean(axis=1, keepdims=True)).max() < 0.02
+    assert np.linalg.norm(off, axis=2).max() == pytest.approx(above_mm, abs=0.01)
 
 
 def trial_of(shape, above_mm):
@@ -679,21 +521,6 @@ def trial_of(shape, above_mm):
     hand = arm.along(shape, times).translation
     tool = arm.along(shape, times - 0.1).translation + [0, 0, above_mm]
     return {"t_s": times.tolist(), "hand": hand.tolist(), "tool": tool.tolist()}
-
-
-def largest_off(shape, above_mm):
-    points, off = arm.off_path(shape, trial_of(shape, above_mm))
-    assert len(points) == len(arm.stations(shape))
-    assert off.shape == (len(points), arm.ROUNDS, 3)
-    assert np.abs(off - off.mean(axis=1, keepdims=True)).max() < 0.02
-    return np.linalg.norm(off, axis=2).max()
-
-
-def test_a_square_is_looked_at_away_from_its_corners():
-    way = arm.stations("square")
-    corners = arm.SIDE_MM * np.arange(5)
-    assert np.abs(way[:, None] - corners).min() >= arm.AWAY_MM
-    assert len(arm.stations("circle")) == arm.STATIONS
 
 
 def group(shift, turn_deg):
@@ -722,48 +549,13 @@ def test_numbers_of_five_poses_by_hand(monkeypatch):
     ]
     assert [one.value for one in found] == pytest.approx([0.2, 0.1, 0.5], rel=1e-9)
     assert all(one.low <= one.value for one in found)
-
-
-def test_numbers_and_picture_of_a_path(monkeypatch):
-    """A tool that is 0.3 mm above a circle: it is drawn so many times as far from it that one sees
-    it.
-    """
-    monkeypatch.setattr(intervals, "RESAMPLES", 3)
-    (accuracy, repeatability), picture = arm.path_numbers(
-        setup(), "circle", trial_of("circle", 0.3)
-    )
+    monkeypatch.setattr(intervals, "RESAMPLES", 3)  # of a path they take long
+    path = arm.path_numbers(setup(), "circle", trial_of("circle", 0.3))
+    (accuracy, repeatability), picture = path
     assert accuracy.value == pytest.approx(0.3, abs=1e-3)
     assert repeatability.value < 0.01
     assert accuracy.n == arm.STATIONS * arm.ROUNDS
     assert "drawn 10 times as large" in picture.alt
-    assert picture.png.startswith(b"\x89PNG")
-
-
-def test_a_station_that_the_tool_does_not_come_by_in_a_round_is_left_out():
-    trial = trial_of("circle", 0.0)
-    every, _ = arm.off_path("circle", trial)
-    rounds = arm.length_of("circle") / arm.SPEED_MM_S
-    times = np.array(trial["t_s"])
-    begin = arm.STILL_S + arm.LEAD_S + 3 * rounds + 0.1
-    tool = np.array(trial["tool"])
-    tool[(times >= begin) & (times < begin + rounds / 2)] = [0.0, 0.0, 0.0]  # half of a round
-    points, off = arm.off_path("circle", trial | {"tool": tool.tolist()})
-    assert len(points) == len(off)
-    assert len(every) == arm.STATIONS
-    assert len(points) == pytest.approx(arm.STATIONS / 2, abs=10)
-
-
-def test_a_small_sheet_has_fewer_cycles_and_all_paths():
-    assert arm.cycles(setup(poses=63)) == arm.FEWEST
-    assert arm.cycles(setup(poses=64)) == arm.CYCLES
-    assert arm.parts(setup(poses=64)) == arm.CYCLES / arm.TOGETHER + len(arm.SHAPES)
-
-
-def test_the_arm_says_what_it_lacks(monkeypatch):
-    monkeypatch.setattr(arm, "find_spec", lambda name: None if name == "mink" else "there")
-    assert arm.why_not() == "needs the package mink (extra 'slave')"
-    monkeypatch.setattr(arm, "find_spec", lambda name: "there")
-    assert arm.why_not() == ""
 
 
 def test_hand_rests_at_its_five_poses():
@@ -784,30 +576,24 @@ def test_hand_rests_at_its_five_poses():
 # --- tracks
 
 
-def test_rows_and_tables_hold_the_same():
-    drawn = sobol_poses(setup().field, 6, 0)
-    rows = rows_of(drawn.poses, lost=(2,))
-    track = as_track(rows)
-    covariance = np.diag([0.01**2] * 3 + [0.001**2] * 3)
-    poses = [
-        LOST if k == 2 else Pose("measured", T, covariance, 0.1, 6, 3)
-        for k, T in enumerate(drawn.poses)
-    ]
-    other = track_of_table(pose_table(poses, list(np.arange(6) / FPS)))
-    assert track.status.tolist() == other.status.tolist()
-    for name in ("t_s", "positions", "quaternions", "sigmas"):
-        np.testing.assert_allclose(getattr(track, name), getattr(other, name), atol=1e-12)
-    assert track.found.tolist() == [True, True, False, True, True, True]
-
-
-def test_errors_are_those_put_in():
+def test_errors_of_rows_and_of_tables_are_those_put_in():
     one = setup()
     drawn = sobol_poses(one.field, 5, 0)
     off = np.random.default_rng(6).normal(size=(5, 6)) * np.repeat([0.1, 0.01], 3)
-    found, there = tracks.errors(as_track(rows_of(drawn.poses, off, lost=(1,))), drawn.poses, one)
-    assert there.tolist() == [True, False, True, True, True]
-    assert found[there] == pytest.approx(off[there], abs=1e-9)
-    assert np.isnan(found[1]).all()
+    poses = [
+        Pose("measured", shifted(T, by), COVARIANCE, 0.1, 6, 3)
+        for T, by in zip(drawn.poses, off, strict=True)
+    ]
+    poses[1] = LOST
+    of_rows = as_track(rows_of(drawn.poses, off, lost=(1,)))
+    of_table = track_of_table(pose_table(poses, list(np.arange(5) / FPS)))
+    for track in (of_rows, of_table):
+        assert track.t_s == pytest.approx(np.arange(5) / FPS)
+        found, there = tracks.errors(track, drawn.poses, one)
+        assert there.tolist() == [True, False, True, True, True]
+        assert found[there] == pytest.approx(off[there], abs=1e-9)
+        assert np.isnan(found[1]).all()
+    np.testing.assert_allclose(of_rows.sigmas, of_table.sigmas, atol=1e-12)
 
 
 def test_errors_are_up_to_the_handle_s_symmetry():
@@ -841,60 +627,47 @@ def difference(one, other):
     return np.mean([np.std(a.astype(float) - b) for a, b in pairs])
 
 
-def test_frames_of_a_handle_at_rest_differ_by_their_noise_alone():
+def test_a_handle_that_moves_is_blurred_along_its_way():
+    """At 1 m/s it moves by 10 mm while the shutter is open; its middle stays. Frames at rest differ by
+    their noise alone, of which each has its own.
+    """
     one, other, third = tracks.resting(quarter(), NEAR, 3, 0)
     (again,) = tracks.resting(quarter(), NEAR, 1, 0)
     np.testing.assert_array_equal(again.images, one.images)
     assert [frame.t_s for frame in (one, other, third)] == pytest.approx(np.arange(3) / FPS)
-    assert difference(one, other) == pytest.approx(difference(one, third), rel=0.05)
-    assert difference(one, other) > 1  # each has its own
-    assert difference(one, other) < 0.5 * np.std(one.images[0])  # the scene is gone
-
-
-def test_a_handle_that_moves_is_blurred_along_its_way():
-    """At 1 m/s it moves by 10 mm while the shutter is open; its middle stays."""
+    noise = difference(one, other)
+    assert noise == pytest.approx(difference(one, third), rel=0.05)
+    assert 1 < noise < 0.5 * np.std(one.images[0])  # the scene is gone
     two = RigidTransform.concatenate([NEAR, NEAR])
     velocities = np.array([[0.0, 0, 0], [1000.0, 0, 0]])
     times = np.array([0.1, 0.2])
     still, fast = tracks.moving(quarter(), times, two, velocities, 0)
-    rest, other = tracks.resting(quarter(), NEAR, 2, 1)
     assert (still.t_s, fast.t_s) == (0.1, 0.2)
-    noise = difference(rest, other)
-    assert difference(still, rest) == pytest.approx(noise, rel=0.05)
-    assert difference(fast, rest) > 1.15 * noise
+    assert difference(still, one) == pytest.approx(noise, rel=0.05)
+    assert difference(fast, one) > 1.15 * noise
 
 
 # --- a part of each test, rendered and measured
 
 
 @pytest.mark.heavy
-def test_a_place_at_rest_is_measured():
+@pytest.mark.parametrize(
+    ("test", "poses_of", "worst_mm"),
+    [
+        (rest, lambda one: rest.places(one)[[0] * 500], 0.2),
+        (static, lambda one: sobol_poses(one.field, 8, 0).poses, 0.1),
+        (pointer, lambda one: pointer.touches(one).poses, 0.1),
+        (moving, lambda one: moving.ends_of(one, 0)[0], 0.5),
+    ],
+    ids=["A1", "A2", "A4", "A3 at 0.1 m/s"],
+)
+def test_poses_are_measured(test, poses_of, worst_mm):
     one = setup(poses=8)
-    rest_one = rest.rest_of(as_track(rest.run(one, 0)))
-    assert rest_one.gaps == 0
-    assert np.sqrt((rest_one.off[:, :3] ** 2).sum(axis=1).mean()) < 0.05
-    assert np.sqrt((rest_one.off[:, 3:] ** 2).sum(axis=1).mean()) < 0.5
-
-
-@pytest.mark.heavy
-@pytest.mark.parametrize("test", [static, pointer], ids=["A2", "A4"])
-def test_a_few_poses_are_measured(test):
-    one = setup(poses=8)
-    drawn = sobol_poses(one.field, 8, 0) if test is static else pointer.touches(one)
     rows = test.run(one, 0)
-    off, found = tracks.errors(as_track(rows), drawn.poses[: len(rows)], one, one_track=False)
-    assert found.all()
-    assert np.linalg.norm(off[:, :3], axis=1).max() < 0.1
-    assert np.rad2deg(np.linalg.norm(off[:, 3:], axis=1)).max() < 1.0
-
-
-@pytest.mark.heavy
-def test_an_end_of_the_bar_is_followed():
-    """At 0.1 m/s: nearly every instant, to a few tenths of a millimetre."""
-    one = setup(poses=8)
-    off, found = tracks.errors(as_track(moving.run(one, 0)), moving.ends_of(one, 0)[0], one)
-    assert found.mean() > 0.9
-    assert np.linalg.norm(off[found, :3], axis=1).max() < 0.5
+    off, found = tracks.errors(as_track(rows), poses_of(one)[: len(rows)], one, one_track=False)
+    assert found.mean() > (0.9 if test is moving else 0.999)
+    assert np.linalg.norm(off[found, :3], axis=1).max() < worst_mm
+    assert np.rad2deg(np.linalg.norm(off[found, 3:], axis=1)).max() < 1.0
 
 
 @pytest.mark.heavy
@@ -903,13 +676,6 @@ def test_a_sine_is_followed_without_delay():
     answer = latency.judge(one, [latency.run(one, k) for k in range(latency.parts(one))])
     delay = value(answer, "pose against its own time, sine of 1 Hz", "delay")
     assert abs(delay.value) < 0.5
-
-
-@pytest.mark.heavy
-def test_the_script_is_followed():
-    one = setup(poses=8)
-    answer = availability.judge(one, [availability.run(one, 0)])
-    assert value(answer, "measured, of the possible instants", "share").value > 80
 
 
 @pytest.mark.heavy
@@ -931,39 +697,28 @@ def set_ups(one, sigmas, seed=0):
     rng = np.random.default_rng(seed)
     count, together = combined.parts(one), combined.TOGETHER
     poses = sobol_poses(one.field, count * together, one.seed).poses
-    names = ("noise", "calibration", "markers")
+    sizes = {
+        name: np.array([across, across, depth, *[np.deg2rad(turn)] * 3])
+        for name, (depth, across, turn) in sigmas.items()
+    }
+    covariance = np.diag(sum(size**2 for size in sizes.values()))
     rows = []
     for k in range(count):
-        own = {name: np.zeros((together, 6)) for name in names}
-        for name in names:
-            depth, across, turn = sigmas[name]
-            size = np.array([across, across, depth, *[np.deg2rad(turn)] * 3])
-            drawn = together if name == "noise" else 1
-            own[name] = np.repeat(size * rng.normal(size=(drawn, 6)), together // drawn, axis=0)
+        noise, calibration, markers = (
+            np.repeat(size * rng.normal(size=(drawn, 6)), together // drawn, axis=0)
+            for size, drawn in zip(sizes.values(), (together, 1, 1), strict=True)
+        )
         errors = {
-            "noise": own["noise"],
-            "calibration": own["noise"] + own["calibration"],
-            "markers": own["noise"] + own["markers"],
-            "all": sum(own.values()),
+            "noise": noise,
+            "calibration": noise + calibration,
+            "markers": noise + markers,
+            "all": noise + calibration + markers,
         }
-        rows.append({})
-        for name, off in errors.items():
-            rows[-1][name] = []
-            for i, error in enumerate(off):
-                T = poses[k * together + i]
-                wrong = RigidTransform.from_components(
-                    T.translation + error[:3], Rotation.from_rotvec(error[3:]) * T.rotation
-                )
-                sigma = np.diag([s**2 for s in _whole(sigmas)])
-                rows[-1][name].append(
-                    tracks.row_of(float(i), Pose("measured", wrong, sigma, 0.1, 6, 3))
-                )
+        part = poses[k * together : (k + 1) * together]
+        rows.append(
+            {name: rows_of(part, off, covariance=covariance) for name, off in errors.items()}
+        )
     return rows
-
-
-def _whole(sigmas):
-    depth, across, turn = (np.sqrt(sum(s[i] ** 2 for s in sigmas.values())) for i in range(3))
-    return [across, across, depth, *[np.deg2rad(turn)] * 3]
 
 
 SIGMAS = {
@@ -1061,7 +816,7 @@ def test_the_covariance_of_a_pose_is_what_many_adjustments_scatter_by():
     normals = handle.marker_normals @ T.as_matrix()[:3, :3].T
     slants = [slant_angles(centres, normals, camera.centre) for camera in rig.cameras]
     seen = [slant < np.deg2rad(field_map.MAX_SLANT_DEG) for slant in slants]
-    noise = [field_map.CENTRE_PX * rng.normal(size=(150, *centres.shape[:1], 2)) for _ in seen]
+    noise = [field_map.CENTRE_PX * rng.normal(size=(75, *centres.shape[:1], 2)) for _ in seen]
 
     def left(step, k):
         at = shifted(T, step).apply(handle.marker_centres)
@@ -1072,6 +827,6 @@ def test_the_covariance_of_a_pose_is_what_many_adjustments_scatter_by():
             ]
         )
 
-    steps = np.array([least_squares(left, np.zeros(6), args=(k,)).x for k in range(150)])
+    steps = np.array([least_squares(left, np.zeros(6), args=(k,)).x for k in range(75)])
     found = np.sqrt(np.diag(np.cov(steps.T)))
-    np.testing.assert_allclose(found, np.sqrt(np.diag(expected)), rtol=0.25)  # of 150: 6 % each
+    np.testing.assert_allclose(found, np.sqrt(np.diag(expected)), rtol=0.25)  # of 75: 8 % each

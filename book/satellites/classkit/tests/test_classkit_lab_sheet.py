@@ -11,27 +11,27 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pandas as pd
 import pypdfium2
 import pytest
 from healthy import run, write_video
 from pages import page_says
 from scipy.spatial.transform import RigidTransform, Rotation
-from setups import pose_at
+from setups import pose_at, shot_at
 from webcams import BENCH, WEBCAMS, webcam_rig
 
 from satellites.classkit import criteria
-from satellites.classkit.criteria import GOOD, NOT_MEASURED, USABLE, Criterion
+from satellites.classkit.criteria import GOOD, NOT_MEASURED, Criterion
 from satellites.classkit.preflight import of_rig, place_of_handle
 from satellites.classkit.seen import Seen
 from satellites.classkit.sheets import EDGE_MM, PAPERS, board_target
-from trinolab.bench.scenario import Job, Shot, take
-from trinolab.datasets import load_real_sets, load_sweep, real_set
+from trinolab.bench.scenario import Job, take
+from trinolab.datasets import load_real_sets, real_set
 from trinolab.files import recording_writer
 from trinolab.files.fetch import why_not
 from trinolab.files.poses import read_poses, transforms, truth_table, write_poses
 from trinolab.files.rigs import read_handle, read_rig
 from trinolab.metrics import position_errors
+from workbench.cli.arguments import parser
 from workbench.studies.real_recordings import load_caliscope
 
 PAGE = Path(__file__).resolve().parents[4] / "book" / "lab_sheet.md"
@@ -50,9 +50,9 @@ def commands():
     return [line.removeprefix("trinolab ") for line in lines if line.startswith("trinolab ")]
 
 
-def chosen(name):
-    """The commands of the page that run one of the program's."""
-    return [line for line in commands() if line.split()[0] == name]
+def run_page(name, number=0):
+    """The exit code of one of the page's lines that run a command."""
+    return run([line for line in commands() if line.split()[0] == name][number])
 
 
 def table_below(heading):
@@ -60,32 +60,6 @@ def table_below(heading):
     text = PAGE.read_text(encoding="utf-8").partition(heading)[2]
     lines = re.search(r"(?:^\|.*\n)+", text, re.MULTILINE)[0].splitlines()
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
-
-
-@pytest.mark.parametrize(
-    ("width", "words", "count"), [(640, "With 640 x", 5), (1280, "With 1280 x", 2)]
-)
-def test_the_tables_of_webcams_are_those_of_the_study(width, words, count):
-    study = load_sweep("webcams").set_index(["width_px", "rod_mm", "marker_mm", "estimator"])
-    rows = table_below(words)
-    assert len(rows) == count
-    for what, share, best, paper in rows:
-        rod, marker, pixels = map(float, re.findall(r"[0-9.]+", what))
-        ours, theirs = (
-            study.loc[width, rod, marker, name] for name in ("patches", "paper, checked")
-        )
-        assert pixels == pytest.approx(ours["marker_px"])
-        low, high = (100 * ours[f"measured_{end}"] for end in ("low", "high"))
-        assert share == f"{100 * ours['measured']:.0f} % ({low:.0f} to {high:.0f})"
-        errors = [
-            f"{one['E_t_mm']:.3f} mm ({one['E_t_mm_low']:.3f} to {one['E_t_mm_high']:.3f})"
-            for one in (ours, theirs)
-        ]
-        assert best == f"{errors[0]}, {ours['geodesic_deg']:.2f}°"
-        assert paper == errors[1]
-    assert set(study["n"]) == {60}
-    assert set(study["seed"]) == {27}
-    assert study["wrong"].sum() == 0
 
 
 def test_the_limits_of_the_page_are_those_of_the_command():
@@ -99,8 +73,6 @@ def test_the_limits_of_the_page_are_those_of_the_command():
 
 
 def test_every_command_of_the_page_is_one_that_the_program_takes():
-    from workbench.cli.arguments import parser
-
     found = [parser().parse_args(shlex.split(line)).command for line in commands()]
     assert {"kit", "capture", "calibrate", "preflight", "track", "refine", "live"} <= set(found)
 
@@ -153,10 +125,10 @@ def printed(camera, page, to_mm, T_world_page, rng):
     return np.clip(np.rint(frame), 0, 255).astype(np.uint8)
 
 
-def captured(folder, rig, frames, times, rig_file=None, handle_file=None):
-    """The folder that `capture` would have written."""
-    known = list(rig.names) if rig_file is None else read_rig(rig_file)
-    handle = None if handle_file is None else read_handle(handle_file)
+def captured(folder, names, frames, times, rig_file=None):
+    """The folder that `capture` would have written: of the board, or of the kit's rod."""
+    known = names if rig_file is None else read_rig(rig_file)
+    handle = read_handle("kit_coded.toml") if folder != "board" else None
     partial = recording_writer.begin(folder, known, handle)
     for k, images in enumerate(frames):
         recording_writer.add(partial, known, k, images)
@@ -166,31 +138,22 @@ def captured(folder, rig, frames, times, rig_file=None, handle_file=None):
 def rod_frames(rig, handle, count):
     """The rod at rest for some instants, then in a hand's motion; and its true poses."""
     times = np.arange(count) / FPS
-    moving = np.maximum(times - 0.3, 0.0)
-    shots, poses = [], []
-    for t in moving:
-        before, T, after = (pose_at(t + dt, 200.0, rig) for dt in (-5e-4, 0.0, 5e-4))
-        share = 0.5 * (t > 0)  # an exposure of 5 ms, where `take` has 10
-        velocity = share * (after.translation - before.translation) / 1e-3
-        turn = share * (after.rotation * before.rotation.inv()).as_rotvec() / 1e-3
-        shots.append(Shot(T, None, (1.0,) * 3, velocity, turn, False))
-        poses.append(T)
+    shots = [shot_at(max(t - 0.3, 0.0), 0.005 * (t > 0.3), 200.0, rig) for t in times]
     job = Job(rig, handle, shots, times, 0, BENCH)
     frames = [[take(job, k, c) for c in range(3)] for k in range(count)]
-    return frames, times, RigidTransform.concatenate(poses)
+    return frames, times, RigidTransform.concatenate([shot.T_world_handle for shot in shots])
 
 
 @pytest.mark.heavy
 def test_from_three_webcams_to_a_tracked_handle(tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     rig = webcam_rig(WEBCAMS[0])
-    assert run(chosen("kit")[0]) == 0
+    assert run_page("kit") == 0
     views = board_views(rig, "kit.pdf", VIEWS)
-    captured("board", rig, list(zip(*views, strict=True)), np.arange(VIEWS, dtype=float))
+    captured("board", rig.names, zip(*views, strict=True), np.arange(VIEWS, dtype=float))
 
     capfd.readouterr()
-    (calibrate,) = chosen("calibrate")
-    assert run(calibrate) == 0
+    assert run_page("calibrate") == 0
     said = capfd.readouterr().out
     assert "views dropped: none" in said
     found = read_rig("rig.toml")
@@ -200,21 +163,19 @@ def test_from_three_webcams_to_a_tracked_handle(tmp_path, monkeypatch, capfd):
 
     handle = read_handle("kit_coded.toml")
     frames, times, truth = rod_frames(rig, handle, INSTANTS)
-    captured("light", rig, frames[:10], times[:10], handle_file="kit_coded.toml")
-    captured("rod", rig, frames, times, "rig.toml", "kit_coded.toml")
+    captured("light", rig.names, frames[:10], times[:10])
+    captured("rod", rig.names, frames, times, "rig.toml")
     shutil.copytree("rod", "slow")
     # a recording folder may have videos as well
     shutil.rmtree("rod/images")
     for name, side in zip(rig.names, zip(*frames, strict=True), strict=True):
         write_video(Path("rod", f"{name}.mkv"), side)
-    before, after = chosen("preflight")
-    assert run(before) == 0  # without a rig
-    assert run(after) == 0
+    assert run_page("preflight") == 0  # without a rig
+    assert run_page("preflight", 1) == 0
     said = capfd.readouterr().out
     assert said.splitlines()[-1] == "the set-up is good"
 
-    (track,) = chosen("track")
-    assert run(track) == 0
+    assert run_page("track") == 0
     poses = read_poses("poses.csv")
     assert set(poses["status"]) == {"measured"}
     error = position_errors(transforms(poses), truth).mean()
@@ -227,42 +188,14 @@ def test_from_three_webcams_to_a_tracked_handle(tmp_path, monkeypatch, capfd):
     assert run("evaluate poses.csv truth.csv --handle kit_coded.toml") == 0
     assert Path("seen.webm").stat().st_size > 10_000
 
-    (refine,) = chosen("refine")
-    assert run(refine) == 0
+    assert run_page("refine") == 0
     assert read_rig("refined/rig.toml").names == rig.names
 
 
-def needs(name):
-    return pytest.mark.skipif(
-        real_set(name) is None, reason=f"no {name}: {why_not(load_real_sets()[name])}"
-    )
-
-
-@pytest.mark.heavy
-@needs("opencv_stereo")
-def test_the_same_on_photographs_of_a_board(tmp_path, monkeypatch, capfd):
-    """The set has no handle, and its pairs were taken one by one: light and cameras are judged."""
-    monkeypatch.chdir(tmp_path)
-    for side in ("left", "right"):
-        Path("board", "images", side).mkdir(parents=True)
-        for path in sorted(real_set("opencv_stereo").glob(f"{side}*.jpg")):
-            shutil.copy(path, Path("board", "images", side, path.name.removeprefix(side)))
-    code = run(
-        "calibrate --images left=board/images/left right=board/images/right --board chessboard "
-        "--columns 9 --rows 6 --square 25 --distortions 5 --out rig.toml"
-    )
-    assert code == 0
-    capfd.readouterr()
-    assert run("preflight board --rig rig.toml --out table.csv") == 0
-    table = pd.read_csv("table.csv").set_index("what")
-    assert table.loc[criteria.RANGE.what, "verdict"] == GOOD
-    # 1.2 % of the left images are white: lamps, and the board's own squares
-    assert table.loc[criteria.WHITE_PIXELS.what, "verdict"] == USABLE
-    # the two lenses look straight ahead, 83 mm apart: nothing says where a rod would be
-    assert table.loc[criteria.ANGLE.what, "verdict"] == NOT_MEASURED
-
-
-@needs("caliscope")
+@pytest.mark.skipif(
+    real_set("caliscope") is None,
+    reason=f"no caliscope: {why_not(load_real_sets()['caliscope'])}",
+)
 def test_the_cameras_of_a_published_session_stand_well():
     """Four webcams around a board, of which two face each other."""
     rig = load_caliscope().rig

@@ -4,20 +4,13 @@ import shlex
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import RigidTransform
-
-from workbench.pages.browser import CHROMIUM
-
-pytest.importorskip("mink", reason="the extra 'slave' is missing")
-pytest.importorskip("tornado", reason="the extra 'live' is missing")
-
 from livepage import HANDLE, RIG, Tab, shows
+from scipy.spatial.transform import RigidTransform
 
 from satellites.live.sources import HOME, QUICK
 from trinolab.bench.scene import render_rig
 from workbench.cli import main
 
-needs_browser = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing")
 THERE = RigidTransform.from_translation([20.0, 0.0, 0.0]) * HOME
 BRIGHT = "$('camera-0').getContext('2d').getImageData(0, 0, 480, 384).data.reduce((a, b) => a + b)"
 
@@ -32,7 +25,6 @@ def recorded(live, browser, count=6):
     shows(browser, "last.folder")
 
 
-@needs_browser
 def test_what_cannot_be_used_says_why(live, browser):
     for control, words in (
         ("play", "nothing is recorded yet"),
@@ -40,11 +32,10 @@ def test_what_cannot_be_used_says_why(live, browser):
         ("set-update_rate", "only the paper’s windows"),
         ("set-ncc_threshold", "only the paper’s windows"),
     ):
-        assert browser.evaluate(f"$('{control}').disabled")
-        assert words in browser.evaluate(f"$('{control}').title")
         described = f"$($('{control}').getAttribute('aria-describedby'))"
-        assert words in browser.evaluate(f"{described}.innerText")
-        assert browser.evaluate(f"{described}.checkVisibility()")
+        said = browser.evaluate(f"[$('{control}').title, {described}.innerText]")
+        assert all(words in one for one in said), control
+        assert browser.evaluate(f"$('{control}').disabled && {described}.checkVisibility()")
     grey = "[...document.querySelectorAll('main :disabled')].map(one => one.title)"
     assert all(browser.evaluate(grey))
     browser.evaluate("document.querySelector('[name=tracker][value=paper]').click()")
@@ -52,21 +43,21 @@ def test_what_cannot_be_used_says_why(live, browser):
     assert not browser.evaluate("$('why-paper').checkVisibility()")
     browser.click("#begin")
     shows(browser, "$('begin').disabled && $('begin').title.includes('a task goes on')")
-    assert browser.evaluate("$('why-begin').checkVisibility()")
     browser.click("#end")
     shows(browser, "!$('begin').disabled && !$('why-begin').checkVisibility()")
     other = Tab(live.address)
     other.say(take=True)
-    shows(browser, "$('clutch').disabled && $('clutch').title.includes('another tab')")
+    shows(browser, "$('clutch').disabled && !$('busy').hidden")
+    shows(browser, "$('clutch').title.includes('another tab')")
+    browser.click("#take")
+    shows(browser, "last && $('busy').hidden && !$('clutch').disabled")
     other.close()
 
 
-@needs_browser
 def test_the_last_recording_is_replayed_and_live_goes_on(live, bench, browser):
     recorded(live, browser)
     assert not browser.evaluate("$('play').disabled || Replay.on()")
-    then = browser.evaluate("last.pose.x_mm")
-    bright = browser.evaluate(BRIGHT)
+    then, bright = browser.evaluate("last.pose.x_mm"), browser.evaluate(BRIGHT)
     bench.images = render_rig(RIG, HANDLE, THERE, QUICK, np.random.default_rng(5))
     shows(browser, f"last.pose.x_mm > {then} + 15 && last.status === 'measured'")
     shows(browser, f"Math.abs({BRIGHT} - {bright}) > 1000")  # a picture comes after its pose
@@ -80,9 +71,7 @@ def test_the_last_recording_is_replayed_and_live_goes_on(live, bench, browser):
     assert browser.evaluate("$('replaying').checkVisibility()")
     assert browser.evaluate("$('scrub').getAttribute('aria-valuetext')").endswith("measured")
     number = browser.evaluate("last.number")
-    shows(browser, f"last.number > {number} + 3")  # live goes on
-    assert browser.evaluate(f"last.pose.x_mm > {then} + 15")
-    assert browser.evaluate("Replay.on()")
+    shows(browser, f"last.number > {number} + 3 && last.pose.x_mm > {then} + 15 && Replay.on()")
     browser.press("p")
     shows(browser, "Replay.playing()")
     shows(browser, "!Replay.playing() && Replay.on()")  # at its end
@@ -90,23 +79,15 @@ def test_the_last_recording_is_replayed_and_live_goes_on(live, bench, browser):
     browser.press("p")
     shows(browser, "Replay.playing()")  # again from the start
     browser.click("#back")
-    shows(browser, "!Replay.on()")
-    shows(browser, f"Number($('pose-x_mm').textContent) > {then} + 15")
-    assert browser.errors == []
-
-
-@needs_browser
-def test_who_closes_the_clutch_sees_what_is_and_not_what_was(live, browser):
-    recorded(live, browser)
-    browser.press("c")
-    shows(browser, "last.clutch")
+    shows(browser, f"!Replay.on() && Number($('pose-x_mm').textContent) > {then} + 15")
+    # who closes the clutch sees what is, and not what was
     browser.press("p")
     shows(browser, "Replay.on() && !last.clutch")
     browser.press("c")
     shows(browser, "last.clutch && !Replay.on()")
+    assert browser.errors == []
 
 
-@needs_browser
 def test_of_a_long_recording_every_second_instant_is_given_up(live, browser):
     browser.click("#record")
     shows(browser, "last.recording")
@@ -120,21 +101,20 @@ def test_of_a_long_recording_every_second_instant_is_given_up(live, browser):
     browser.click("#record")
 
 
-@needs_browser
 def test_the_page_says_how_a_recording_becomes_a_log(live, browser, tmp_path, monkeypatch, capsys):
     """Its two commands make the file that it names."""
     pytest.importorskip("rosbags", reason="the extra 'ros' is missing")
     recorded(live, browser, 3)
     browser.evaluate("$('log').open = true")
-    commands = browser.evaluate("$('log-commands').innerText").splitlines()
-    assert len(commands) == 2
+    shown = browser.evaluate(
+        "['log-commands', 'log-rerun', 'log-file'].map(one => $(one).innerText)"
+    )
     monkeypatch.chdir(tmp_path)
-    for command in commands:
+    for command in shown[0].splitlines():
         program, *arguments = shlex.split(command)
         assert program == "trinolab"
         assert main(arguments) == 0
     capsys.readouterr()
-    program, file = shlex.split(browser.evaluate("$('log-rerun').innerText"))
-    assert program == "rerun"
+    program, file = shlex.split(shown[1])
+    assert (program, (tmp_path / file).name) == ("rerun", shown[2])
     assert (tmp_path / file).is_file()
-    assert (tmp_path / file).name == browser.evaluate("$('log-file').innerText")

@@ -1,8 +1,6 @@
 """The sources of the live system: always the latest frame, and words for what is wrong."""
 
 import threading
-import time
-from dataclasses import replace
 from itertools import islice
 
 import cv2
@@ -14,7 +12,6 @@ from processes import wait_until
 from satellites.live import command, sources
 from satellites.live.command import chosen
 from satellites.live.sources import Feed, SimulatedHand, Source, as_bytes
-from trinolab.camera import Rig
 from trinolab.files import recording_writer
 
 IMAGE = np.arange(12, dtype=np.uint8).reshape(3, 4)
@@ -44,25 +41,6 @@ def test_only_the_latest_frame_is_there_and_once():
     assert source.next(0.0).number == 2
 
 
-def test_a_reader_that_was_away_sees_the_present():
-    numbers = iter(range(10**9))
-
-    def frames(stopped):
-        while not stopped.is_set():
-            yield time.monotonic(), [np.full((2, 2), next(numbers) % 256, np.uint8)]
-            stopped.wait(0.001)
-
-    feed = Feed("c", frames, False)
-    with Source(RIG, None, [feed]) as source:
-        source.next(60.0)
-        before = feed.number
-        wait_until(lambda: feed.number > before + 50)
-        latest = source.next(60.0)
-        assert latest.number == 2
-        assert latest.arrived_s >= feed.arrived_s - 1.0
-        np.testing.assert_array_less(before + 49, feed.number)
-
-
 def test_what_fails_is_said_and_opened_again():
     bench = Bench()
     with bench.source as source:
@@ -74,98 +52,94 @@ def test_what_fails_is_said_and_opened_again():
         assert source.next(60.0) is not None
 
 
-def test_a_camera_without_a_new_image_is_named():
-    _, (feed, _) = fed()
-    feed.keep(0.0, [IMAGE])
-    assert feed.trouble(feed.arrived_s + 0.4) == ""
-    assert feed.trouble(feed.arrived_s + 3.0) == "c0: no new image for 3 s"
-
-
-def test_a_camera_with_the_same_image_again_and_again_is_named(monkeypatch):
-    _, (feed, _) = fed(live=True)
+@pytest.mark.parametrize("live", [True, False])
+def test_a_camera_without_a_new_image_is_named(monkeypatch, live):
+    """Or with the same one again and again; a video may stand still."""
+    _, (feed, _) = fed(live=live)
     now = [100.0]
     monkeypatch.setattr(sources.time, "monotonic", lambda: now[0])
     for _ in range(8):
         feed.keep(now[0], [IMAGE.copy()])
         now[0] += 0.1
-    assert feed.trouble(now[0]) == "c0: the image stands still (frozen?)"
+    assert feed.trouble(now[0]) == ("c0: the image stands still (frozen?)" if live else "")
     feed.keep(now[0], [IMAGE + 1])
-    assert feed.trouble(now[0]) == ""
+    assert feed.trouble(now[0] + 0.4) == ""
+    assert feed.trouble(now[0] + 3.0) == "c0: no new image for 3 s"
 
 
-def test_a_video_may_stand_still():
-    _, (feed, _) = fed(live=False)
-    for _ in range(3):
-        feed.keep(0.0, [IMAGE])
-    assert feed.changed_s == feed.arrived_s
-
-
-def test_a_recording_is_played_again_from_its_start(tmp_path):
+@pytest.fixture
+def recording(tmp_path):
+    """A recording of three instants, of another brightness each."""
     folder = tmp_path / "recording"
     recording_writer.begin(folder, RIG, chosen().handle)
-    images = [[image + np.uint8(k) for image in HELD] for k in range(3)]
     for k in range(3):
-        recording_writer.add(recording_writer.partial_of(folder), RIG, k, images[k])
+        images = [image // np.uint8(k + 1) for image in HELD]
+        recording_writer.add(recording_writer.partial_of(folder), RIG, k, images)
     recording_writer.finish(folder, [0.0, 0.01, 0.02])
+    return folder
+
+
+def videos(recording):
+    """A video of each camera, by its name."""
+    paths = {}
+    for c, camera in enumerate(RIG.cameras):
+        path = paths[camera.name] = str(recording / f"{camera.name}.avi")
+        code = cv2.VideoWriter.fourcc(*"MJPG")
+        writer = cv2.VideoWriter(path, code, 100.0, camera.size, isColor=False)
+        for k in range(3):
+            writer.write(HELD[c] // np.uint8(k + 1))
+        writer.release()
+    return paths
+
+
+def of_videos(recording):
+    files = {"rig": recording / "rig.toml", "handle": recording / "handle.toml"}
+    return chosen(videos(recording), **files, fps=100.0)
+
+
+@pytest.mark.parametrize(
+    "source", [lambda folder: chosen(recording=folder), of_videos], ids=["recording", "videos"]
+)
+def test_what_is_recorded_is_played_again_from_its_start(recording, source):
     threads = threading.active_count()
-    with chosen(recording=folder) as source:
+    with source(recording) as source:
         seen = set()
 
         def all_seen():
             latest = source.next(60.0)
-            assert latest.images[0].dtype == np.uint8
-            seen.update(k for k in range(3) if np.array_equal(latest.images[1], images[k][1]))
+            assert [(image.shape, image.dtype) for image in latest.images] == [
+                ((512, 640), np.uint8)
+            ] * 3
+            ratio = latest.images[2].mean() / HELD[2].mean()
+            seen.add(min(range(3), key=lambda k: abs(ratio - 1 / (k + 1))))
             return seen == {0, 1, 2} and latest.number > 5
 
         wait_until(all_seen)
     wait_until(lambda: threading.active_count() <= threads)
 
 
-def test_three_videos_stand_in_for_cameras(tmp_path):
-    folder = tmp_path / "r"
-    recording_writer.begin(folder, RIG, chosen().handle)
-    partial = recording_writer.partial_of(folder)
-    cameras = {}
-    for camera, image in zip(RIG.cameras, HELD, strict=True):
-        path = cameras[camera.name] = str(tmp_path / f"{camera.name}.avi")
-        code = cv2.VideoWriter.fourcc(*"MJPG")
-        writer = cv2.VideoWriter(path, code, 100.0, camera.size, isColor=False)
-        for k in range(3):
-            writer.write(image // np.uint8(k + 1))
-        writer.release()
-    source = chosen(cameras, rig=partial / "rig.toml", handle=partial / "handle.toml", fps=100.0)
-    with source:
-        seen = set()
-
-        def all_seen():
-            latest = source.next(60.0)
-            assert [image.shape for image in latest.images] == [(512, 640)] * 3
-            ratio = latest.images[2].mean() / HELD[2].mean()
-            seen.add(min(range(3), key=lambda k: abs(ratio - 1 / (k + 1))))
-            return seen == {0, 1, 2} and latest.number > 4  # and again from the start
-
-        wait_until(all_seen)
+def settled(hand, start_s):
+    """The pose of a hand that has had three seconds."""
+    for t in start_s + np.arange(0, 3, 0.05):
+        now = hand.pose(t)
+    return now
 
 
 def test_the_hand_goes_by_itself_smoothly_or_where_it_is_taken():
     hand = SimulatedHand(seed=1)
-    times = 100 + np.arange(0, 20, 1 / 30)
-    places = np.array([hand.pose(t).translation for t in times])
+    places = np.array([hand.pose(t).translation for t in 100 + np.arange(0, 20, 1 / 30)])
     speed = 30 * np.linalg.norm(np.diff(places, axis=0), axis=1)
     assert 10 < np.median(speed) < 120
     assert speed.max() < 300
     hand.go_home()
-    for t in times[-1] + 1 + np.arange(0, 3, 0.05):
-        home = hand.pose(t)
+    home = settled(hand, 121)
     hand.move([10, -5, 3], [0, 0, 0.1])
-    for t in times[-1] + 5 + np.arange(0, 3, 0.05):
-        now = hand.pose(t)
+    now = settled(hand, 125)
     np.testing.assert_allclose(now.translation - home.translation, [10, -5, 3], atol=1e-3)
     assert (now.rotation * home.rotation.inv()).magnitude() == pytest.approx(0.1, abs=1e-3)
     for _ in range(100):
         hand.move([50, 50, 50], [0, 0, 0])
-    for t in times[-1] + 9 + np.arange(0, 3, 0.05):
-        now = hand.pose(t)
+    now = settled(hand, 129)
     np.testing.assert_allclose(now.translation, sources.RANGES_MM[:, 1], atol=1e-3)
 
 
@@ -179,18 +153,6 @@ def test_the_bench_draws_the_hand_where_it_is():
         source.hand.drawn = True
         # skin is brighter than the bench
         wait_until(lambda: np.count_nonzero(source.next(60.0).images[0] > 95) > 5000)
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"cameras": {"ccd1": "0"}}, "cameras: need --rig and --handle"),
-        ({"recording": "nowhere"}, "nowhere: no such folder"),
-    ],
-)
-def test_a_source_that_cannot_be_is_refused(options, message):
-    with pytest.raises(ValueError, match=message):
-        chosen(**options)
 
 
 CAMERAS = [
@@ -210,32 +172,17 @@ def test_cameras_that_are_not_the_rigs_are_refused(cameras, message):
         chosen(cameras, rig=rig_file("raised_40deg"), handle=handle_file("coded"))
 
 
-def test_grey_levels_become_bytes():
-    assert as_bytes(IMAGE) is IMAGE
-    np.testing.assert_array_equal(as_bytes(np.array([[-3.0, 4.6, 300.0]])), [[0, 5, 255]])
-
-
-def test_a_camera_that_ends_is_said_and_opened_anew(tmp_path):
+def test_a_camera_that_ends_is_said_and_opened_anew(recording):
     """A video in its place, three frames long."""
-    size = (16, 12)
-    images = np.random.default_rng(0).integers(0, 256, (3, *size[::-1]), dtype=np.uint8)
-    code = cv2.VideoWriter.fourcc(*"FFV1")
-    writer = cv2.VideoWriter(str(tmp_path / "a.mkv"), code, 30.0, size, isColor=False)
-    for image in images:
-        writer.write(image)
-    writer.release()
-    rig = Rig(
-        tuple(
-            replace(one, name=name, size=size) for one, name in zip(RIG.cameras, "ab", strict=False)
-        )
-    )
-    paths = dict.fromkeys("ab", str(tmp_path / "a.mkv"))
-    source = sources.of_cameras(paths, rig, chosen().handle)
+    source = sources.of_cameras(videos(recording), RIG, chosen().handle)
     for _ in range(2):
         frames = source.feeds[0].latest_frames(threading.Event())
-        seen = [image for _, (image,) in islice(frames, 3)]
-        np.testing.assert_array_equal(seen, images)
-        with pytest.raises(ValueError, match="a: delivers no image after 3 instants"):
+        seen = [image.mean() for _, (image,) in islice(frames, 3)]
+        # JPEG's losses are below half a grey level in the mean
+        np.testing.assert_allclose(
+            seen, [(HELD[0] // np.uint8(k)).mean() for k in (1, 2, 3)], atol=0.5
+        )
+        with pytest.raises(ValueError, match="ccd1: delivers no image after 3 instants"):
             next(frames)
 
 
@@ -253,10 +200,15 @@ def test_a_browser_is_opened_where_there_is_one(monkeypatch, tmp_path, system, d
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with command.show("http://here/a-token/?a&b"):
         files = list(tmp_path.iterdir())
-        assert len(files) == len(found) == opens
-        if opens:
-            assert found == [files[0].as_uri()]
-            assert "token" not in found[0]
-            assert files[0].stat().st_mode & 0o777 == 0o600
-            assert 'url=http://here/a-token/?a&amp;b"' in files[0].read_text(encoding="utf-8")
+        assert found == [file.as_uri() for file in files]
+        assert len(files) == opens
+        for file in files:
+            assert "token" not in file.name
+            assert file.stat().st_mode & 0o777 == 0o600
+            assert 'url=http://here/a-token/?a&amp;b"' in file.read_text(encoding="utf-8")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_grey_levels_become_bytes():
+    assert as_bytes(IMAGE) is IMAGE
+    np.testing.assert_array_equal(as_bytes(np.array([[-3.0, 4.6, 300.0]])), [[0, 5, 255]])

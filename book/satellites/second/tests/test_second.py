@@ -13,7 +13,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from satellites.second import frames, pathtracing, recipe, shapes
 from satellites.second.pathtracing import Window, traced
-from satellites.second.room import Room, Texture, glove, handle_pieces
+from satellites.second.room import Room, Texture, handle_pieces
 from trinolab.bench.scene import scaled
 from trinolab.camera import Rig
 from trinolab.datasets import load_handle, load_rig, load_table1
@@ -64,6 +64,20 @@ def area_and_centroid(polygon):
     return abs(area), ((polygon + after) * cross[:, None]).sum(axis=0) / (6 * area)
 
 
+def traced_marker(camera, handle, T, index, room, margin):
+    """The image of a marker that glows, its centroid in pixels of the camera, and its variances."""
+    edge = projected_outline(camera, handle, T, index)
+    low = np.floor(edge.min(axis=0)).astype(int) - margin
+    width, height = (np.ceil(edge.max(axis=0)).astype(int) + margin + 1 - low).tolist()
+    window = Window(int(low[0]), int(low[1]), width, height, room.samples)
+    (image,) = traced(camera, glowing(handle, T, index), room, [window], seed=3)
+    v, u = np.mgrid[:height, :width]
+    uv = np.stack([u, v]) + low[:, None, None]
+    share = image / image.sum()
+    middle = (share * uv).sum(axis=(1, 2))
+    return image, middle, (share * (uv - middle[:, None, None]) ** 2).sum(axis=(1, 2))
+
+
 def facing(camera, handle, T, steepest_deg):
     """Markers whose normals are turned towards a camera, by hand."""
     R, t = T.as_matrix()[:3, :3], T.as_matrix()[:3, 3]
@@ -81,14 +95,8 @@ def test_glowing_markers_lie_where_opencv_projects_them(camera, handle_name):
     T = TRUTHS[{"ccd1": 0, "ccd2": 5, "above": 9, "raised": 14}[camera.name]]
     apart = []
     for index in facing(camera, handle, T, 60)[:3]:
-        edge = projected_outline(camera, handle, T, index)
-        area, centre = area_and_centroid(edge)
-        low = np.floor(edge.min(axis=0)).astype(int) - 1
-        width, height = (np.ceil(edge.max(axis=0)).astype(int) + 2 - low).tolist()
-        window = Window(int(low[0]), int(low[1]), width, height, PINHOLE.samples)
-        (image,) = traced(camera, glowing(handle, T, index), PINHOLE, [window], seed=3)
-        v, u = np.mgrid[:height, :width]
-        found = np.array([(image * u).sum(), (image * v).sum()]) / image.sum() + low
+        area, centre = area_and_centroid(projected_outline(camera, handle, T, index))
+        image, found, _ = traced_marker(camera, handle, T, index, PINHOLE, margin=1)
         apart.append(np.abs(found - centre).max())
         assert image.max() == pytest.approx(1.0, abs=1e-3)
         assert image.sum() == pytest.approx(area, rel=0.005)
@@ -106,19 +114,9 @@ def test_a_lens_moves_no_marker_and_blurs_by_its_circle_of_confusion():
     lens = replace(PINHOLE, aperture_mm=2.0, focus_mm=500.0)
     depth = float(camera.T_cam_world.apply(T.apply(handle.marker_centres))[index, 2])
     radius_px = camera.focal.mean() * 2.0 * (depth - 500.0) / (depth * 500.0)
-    edge = projected_outline(camera, handle, T, index)
-    low = np.floor(edge.min(axis=0)).astype(int) - 6
-    width, height = (np.ceil(edge.max(axis=0)).astype(int) + 7 - low).tolist()
-    window = Window(int(low[0]), int(low[1]), width, height, PINHOLE.samples)
-    v, u = np.mgrid[:height, :width]
-    moments = []
-    for room in (PINHOLE, lens):
-        (image,) = traced(camera, glowing(handle, T, index), room, [window], seed=4)
-        share = image / image.sum()
-        middle = np.array([(share * u).sum(), (share * v).sum()])
-        spread = [(share * (u - middle[0]) ** 2).sum(), (share * (v - middle[1]) ** 2).sum()]
-        moments.append((middle, np.array(spread)))
-    (sharp, narrow), (soft, wide) = moments
+    (_, sharp, narrow), (_, soft, wide) = (
+        traced_marker(camera, handle, T, index, room, margin=6) for room in (PINHOLE, lens)
+    )
     assert radius_px > 1.1
     np.testing.assert_allclose(soft, sharp, atol=0.01)  # px
     np.testing.assert_allclose(wide - narrow, radius_px**2 / 4, rtol=0.1)
@@ -147,8 +145,8 @@ def test_texture_holds_the_markers_areas():
     """Twelve discs of 3 mm on 31.4 mm by the band's length."""
     handle = load_handle("coded")
     low, high = shapes.band(handle)
-    share = shapes.marker_texture(handle).mean()
     whole = 2 * np.pi * handle.radius_mm * (high - low)
+    share = shapes.marker_texture(handle).mean()
     assert share * whole == pytest.approx(12 * np.pi * 1.5**2, rel=1e-3)
 
 
@@ -185,73 +183,19 @@ def test_a_capsule_is_at_its_radius_from_the_segment():
 # --- the recipe
 
 
-def test_the_recipe_has_two_sets_of_sixty_instants_and_a_film():
-    shootings = recipe.recordings()
-    stills = [shooting for shooting in shootings.values() if not shooting.held]
-    assert sum(len(shooting.truth) for shooting in stills) == 120
-    for shooting in stills:
-        assert all(len(poses) == 1 for poses in shooting.poses)
-    for handle in recipe.HANDLES:
-        first_twenty = shootings[f"stills-{handle}"].truth[:20]
-        np.testing.assert_array_equal(first_twenty.as_matrix(), TRUTHS.as_matrix())
-    assert len({shooting.number for shooting in shootings.values()}) == len(shootings)
-
-
 def test_the_third_set_shares_no_pose_and_no_light_with_the_second():
     shootings = recipe.recordings()
+    assert len({shooting.number for shooting in shootings.values()}) == len(shootings)
+    assert recipe.by_rig(list("abcd"), "raised_40deg") == ["a", "b", "d"]
     for handle in recipe.HANDLES:
         stills, third = shootings[f"stills-{handle}"], shootings[f"third-{handle}"]
         places = np.concatenate([one.truth.translation for one in (stills, third)])
         assert len(np.unique(places, axis=0)) == 60
+        first = stills.truth[:20].as_matrix()
+        np.testing.assert_array_equal(first, TRUTHS.as_matrix())
         assert stills.room.seed != third.room.seed
         assert stills.room.lamp / stills.room.second_lamp > 1
         assert third.room.lamp / third.room.second_lamp < 1
-
-
-def test_random_poses_can_be_measured_by_the_pair():
-    """Four markers within 62 deg of both cameras, and across the line of sight by 30 deg or less."""
-    for name in recipe.HANDLES:
-        shooting = recipe.stills(name)
-        for T in (*shooting.truth[20:], *recipe.third_set(name).truth):
-            both = set(facing(shooting.rig.cameras[0], shooting.handle, T, 62)) & set(
-                facing(shooting.rig.cameras[1], shooting.handle, T, 62)
-            )
-            assert len(both) >= 4
-            assert abs(T.rotation.as_matrix()[2, 1]) <= np.sin(np.deg2rad(30)) + 1e-9
-        again = recipe.stills(name)
-        np.testing.assert_array_equal(again.truth.as_matrix(), shooting.truth.as_matrix())
-
-
-def test_rigs_are_the_shipped_ones():
-    for name, rig in recipe.rigs().items():
-        for ours, shipped in zip(rig.cameras, load_rig(name).cameras, strict=True):
-            np.testing.assert_array_equal(ours.matrix, shipped.matrix)
-            np.testing.assert_array_equal(
-                ours.T_cam_world.as_matrix(), shipped.T_cam_world.as_matrix()
-            )
-    assert recipe.by_rig(list("abcd"), "raised_40deg") == ["a", "b", "d"]
-
-
-def test_the_film_moves_steadily_and_its_truth_is_in_the_middle():
-    film = recipe.film()
-    step = np.linalg.norm(np.diff(film.truth.translation, axis=0), axis=1) * recipe.FPS
-    assert step.min() > 50
-    assert step.max() < 450  # mm/s
-    for poses, T in zip(film.poses, film.truth, strict=True):
-        ends = poses.translation[[0, -1]].mean(axis=0)
-        np.testing.assert_allclose(ends, T.translation, atol=0.01)
-
-
-def test_the_glove_hides_no_marker_of_the_film():
-    """Its image stays a marker's radius and more away from all that a camera sees of markers."""
-    film = recipe.film()
-    for T in film.truth[::4]:
-        hand = np.concatenate([piece.mesh.points for piece in glove(T).values()])
-        for camera in film.rig.cameras:
-            seen = facing(camera, film.handle, T, 80)
-            markers = camera.project(T.apply(film.handle.marker_centres[seen]))
-            apart = np.linalg.norm(camera.project(hand)[:, None] - markers, axis=2)
-            assert apart.min() > 20  # px; a marker's radius is 8
 
 
 def tiny():

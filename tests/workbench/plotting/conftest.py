@@ -1,0 +1,10 @@
+"""Figures are closed after each test."""
+
+import matplotlib.pyplot as plt
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def _close():
+    yield
+    plt.close("all")
