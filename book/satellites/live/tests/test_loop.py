@@ -1,5 +1,6 @@
 """The live loop without a browser and without waiting: its clock, frames and poses are a test's."""
 
+import gc
 from functools import partial
 from types import SimpleNamespace
 
@@ -102,6 +103,25 @@ def test_each_slider_reaches_what_it_sets(tmp_path, monkeypatch):
     assert parameters.matching.ncc_threshold == new["ncc_threshold"]
     assert mapping.scale == new["scale"]
     assert mapping.filtering.cutoff_hz == new["cutoff_hz"]
+
+
+def test_rounds_leave_nothing_behind(tmp_path, monkeypatch):
+    """What is kept is kept for so many rounds; a page that never answers adds nothing."""
+    driven = Driven(tmp_path, monkeypatch)
+    driven.loop.set("delay_ms", 200.0)
+    driven.loop.clutch(True)
+
+    def objects_after(rounds):
+        for k in range(rounds):
+            driven.handle = at(20 * np.sin(k / 5))
+            driven.loop.heard(driven.frame().number)
+            message(driven.loop.newest, RIG, {}, True)
+            driven.ticks.clear()
+        gc.collect()
+        return len(gc.get_objects())
+
+    before = objects_after(30)
+    assert objects_after(60) - before < 60  # less than one a round
 
 
 def test_a_camera_in_trouble_stops_the_arm_at_once_whatever_the_delay(tmp_path, monkeypatch):
