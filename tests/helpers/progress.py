@@ -41,7 +41,7 @@ class Progress:
     def __init__(self, config):
         self.config = config
         self.unit_s = unit_s()
-        self.left = Counter()
+        self.left = Counter()  # tests that have not ended, by area
         self.outcomes = {}
         units = expected(config.args)
         if units:
@@ -55,29 +55,41 @@ class Progress:
     def pytest_xdist_node_collection_finished(self, ids):
         """Count the tests of each area, once."""
         if not self.left:
-            self.left = Counter(map(area_of, ids))
+            self._begin(ids)
 
     def pytest_collection_finish(self, session):
         """Count them, without other processes."""
-        self.left = Counter(area_of(item.nodeid) for item in session.items)
+        self._begin(item.nodeid for item in session.items)
+
+    def _begin(self, names):
+        self.left = Counter(map(area_of, names))
+        self.count = self.left.total()
+        self.tenths_left = 9
 
     def pytest_report_teststatus(self, report):
         """No letter for a test that passes."""
         return ("passed", "", "PASSED") if report.passed and report.when == "call" else None
 
     def pytest_runtest_logreport(self, report):
-        """A line for an area whose last test has ended."""
+        """A line for an area whose last test has ended, and for each tenth of all tests."""
         area = area_of(report.nodeid)
         outcomes = self.outcomes.setdefault(area, Counter())
         if report.when == "call" or not report.passed:
             outcomes[report.outcome] += 1
         if report.when == "teardown":
             self.left[area] -= 1
+            tenths = 10 * self.left.total() // self.count
             if not self.left[area]:
                 counts = ", ".join(f"{count:,} {outcome}" for outcome, count in outcomes.items())
-                reporter = self.config.pluginmanager.get_plugin("terminalreporter")
-                reporter.ensure_newline()
-                reporter.write_line(f"{area}: {counts}")
+                self._write(f"{area}: {counts}")
+            if tenths < self.tenths_left:
+                self._write(f"{100 - 10 * tenths} % of the tests")
+                self.tenths_left = tenths
+
+    def _write(self, line):
+        reporter = self.config.pluginmanager.get_plugin("terminalreporter")
+        reporter.ensure_newline()
+        reporter.write_line(line)
 
     def pytest_unconfigure(self):
         """The last lines: what was left out, and how long the run took."""
