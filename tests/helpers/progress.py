@@ -7,15 +7,15 @@ from collections import Counter
 
 # Processor time of each area's tests, in units of `unit_s`; the last line of a run measures it.
 COSTS = {
-    "tests/trinolab": 1000,
-    "tests/workbench": 1450,
-    "tests/repository": 580,
-    "tests/tables": 70,
-    "book/satellites/accept": 180,
+    "tests/trinolab": 900,
+    "tests/workbench": 1330,
+    "tests/repository": 540,
+    "tests/tables": 60,
+    "book/satellites/accept": 190,
     "book/satellites/bags": 90,
-    "book/satellites/classkit": 150,
-    "book/satellites/live": 300,
-    "book/satellites/second": 50,
+    "book/satellites/classkit": 120,
+    "book/satellites/live": 340,
+    "book/satellites/second": 45,
 }
 
 
