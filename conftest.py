@@ -2,10 +2,10 @@
 
 import gc
 import os
-import sys
 from pathlib import Path
 
 from hypothesis import settings
+from progress import Progress
 
 for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
     # several tests run at once; more threads than cores make all of them slow
@@ -13,10 +13,6 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
 # as `trinolab` sets it: OpenCV, which some tests load before, asks for it when it is loaded
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 os.environ["MPLBACKEND"] = "Agg"  # no window, also not in the kernels and commands that tests start
-
-# pytest puts the folder of the helpers on the path later
-sys.path.insert(0, str(Path(__file__).resolve().parent / "tests" / "helpers"))
-from progress import Progress  # noqa: E402
 
 # Real recordings made by others: where TRINOLAB_DATA says, else in a folder shared/data beside the
 # checkout.

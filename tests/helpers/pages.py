@@ -2,14 +2,12 @@
 
 import json
 from functools import cache
-from pathlib import Path
 
 import pytest
 
 from workbench.pages.browser import CHROMIUM, Browser
+from workbench.pages.figures import HTML, ROOT
 
-ROOT = Path(__file__).resolve().parents[2]
-HTML = ROOT / "_build" / "html"
 built = pytest.mark.skipif(
     not (HTML / "index.html").exists(), reason="no built pages: run make book first"
 )

@@ -52,7 +52,6 @@ LENS = [-0.25, 0.08, 0.003, -0.002, -0.01]
 RIG = load_rig("paper_trinocular")
 PAIR = load_rig("paper_pair")
 HANDLE = load_handle("paper")
-NO_BASELINE = Rig((PAIR.cameras[0], replace(PAIR.cameras[0], name="the same")))
 AHEAD = RigidTransform.from_components([5.0, -3.0, 560.0], Rotation.from_rotvec([0.3, -0.2, 0.5]))
 
 tame = st.floats(-1.0, 1.0)

@@ -107,11 +107,6 @@ class Browser:
         page.on("requestfailed", self._note_failed)
 
     @_in_thread
-    def navigate(self, address: str) -> None:
-        """Begin to load an address in the tab that is open."""
-        self._page.goto(address, wait_until="commit")
-
-    @_in_thread
     def arrives(self, end: str) -> None:
         """Wait until the tab is at an address that ends so: one page may lead to the next by itself."""
         self._page.wait_for_url(lambda address: urlsplit(address).path.endswith(end))
@@ -120,16 +115,6 @@ class Browser:
     def resize(self, width: int, height: int = 900) -> None:
         """Give the window another size, px."""
         self._page.set_viewport_size({"width": width, "height": height})
-
-    @_in_thread
-    def picture(self) -> bytes:
-        """The window as a PNG file."""
-        return bytes(self._page.screenshot())
-
-    @_in_thread
-    def scheme(self, name: str) -> None:
-        """Ask pages for their ``light`` or ``dark`` colours."""
-        self._page.emulate_media(color_scheme=name)
 
     @_in_thread
     def press(self, key: str, up: bool = True) -> None:

@@ -27,11 +27,9 @@ from trinolab.datasets import load_handle, load_real_sets, load_rig
 from trinolab.files.fetch import why_not
 from trinolab.following.posefilter import FADING_S, PoseFilterParameters, transition
 from trinolab.handle import Handle, slants
-from trinolab.image_track import nees
 from trinolab.kalman import (
     MIN_DT_S,
     KalmanParameters,
-    State,
     compare,
     correct,
     propagate,
@@ -338,11 +336,6 @@ def handheld_poses(every: int = 3) -> tuple[Array, RigidTransform] | None:
     """
     recorded = load_trajectories()
     return None if recorded is None else (recorded.t_s[::every], recorded.poses[::every])
-
-
-def _nees_of_four(states: State, truth: Array) -> Array:
-    """NEES of position and velocity alone."""
-    return nees(State(states.mean[:, :4], states.covariance[:, :4, :4]), truth)
 
 
 def judge(data: Sequence[tuple[Array, RigidTransform]], models: tuple[Model, Model]) -> list[str]:

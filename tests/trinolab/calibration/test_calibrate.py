@@ -346,11 +346,6 @@ def never_together(folder):
         cv2.imwrite(f"{'ab'[k % 2]}/{k:02d}.png", GREY)
 
 
-def never_shown(folder):
-    for path in folder.glob("[ab]/0[1-9].png"):
-        cv2.imwrite(str(path), GREY)
-
-
 def always_one_view(folder):
     for path in folder.glob("[ab]/0[1-9].png"):
         shutil.copy(path.with_name("00.png"), path)
