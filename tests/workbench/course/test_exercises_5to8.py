@@ -95,7 +95,7 @@ def test_centroids_that_are_moved():
         true = camera.project(truth.apply(ROD.marker_centres))
         off.append(np.linalg.norm([found - true, moved - true], axis=2))
     before, after = np.sqrt(np.nanmean(np.square(off), axis=(0, 2)))
-    agrees("05.5", share=1, before_px=before, after_px=after)
+    agrees("05.5", before_px=before, after_px=after)
 
 
 def test_centroids_to_the_upper_left():
@@ -248,7 +248,7 @@ def test_scatter_of_depth_and_a_baseline_with_the_other_sign():
     f, baseline, depth = 2950.0, 99.0, 570.0
     noise = rng.normal(0, 0.1, (2, 200_000))
     z = f * baseline / (f * baseline / depth + noise[0] - noise[1])
-    agrees("08.1", share=1, sigma_z=z.std(), sigma_x=(z * noise[0] / f).std())
+    agrees("08.1", sigma_z=z.std(), sigma_x=(z * noise[0] / f).std())
 
     K = np.diag([1000.0, 1000, 1])
     file = two_cameras(K, K, np.eye(3), [100, 0, 0])  # as it is in the file: at x = -100
@@ -268,7 +268,7 @@ def test_mirrored_fits():
             U, S, Vt = np.linalg.svd(of.T @ on)
             mirrored[count] += np.linalg.det(U @ Vt) < 0
             assert (S[2] < 1e-9 * S[0]) == (count == 4)
-    agrees("08.6", share=1, of_four=mirrored[4], of_twelve="some" if mirrored[12] else "none")
+    agrees("08.6", of_four=mirrored[4], of_twelve="some" if mirrored[12] else "none")
 
 
 def test_weights_help_against_noise_alone():
@@ -290,7 +290,7 @@ def test_weights_help_against_noise_alone():
         for some in fits
     )
     # 60 fits scatter twice as much as the 200 of the exercise
-    agrees("08.7", share=2, noise_ratio=weighted / plain)
+    agrees("08.7", noise_ratio=weighted / plain)
 
 
 def test_a_camera_that_is_turned_by_5_degrees_is_off_by_10():

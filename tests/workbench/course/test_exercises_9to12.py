@@ -369,7 +369,7 @@ def test_frequencies_and_limits():
 
     camera = wall.Loop(0.2, 2.0, 1 / 30, 0.05)
     for infinite in (2 / camera.lag_s, wall.nyquist_limit(replace(camera, mass_kg=2e3)).stiffness):
-        agrees("12.4", share=1, infinite=infinite)
+        agrees("12.4", infinite=infinite)
     agrees("12.2", damping=800 * camera.lag_s)
     soon = wall.Loop(2000.0, 2.0, 1e-4, 1e-3 * value("12.2", "age_ms") - 0.5e-4)
     assert wall.nyquist_limit(soon).stiffness == pytest.approx(800, rel=1e-3)
@@ -384,7 +384,7 @@ def test_frequencies_and_limits():
         s = 1j * np.sqrt(2 * m * K - b**2 - 2 * b * D) / m
         C = D + K / s
         delays_ms.append(1e3 * (np.angle(C / (m * s + b + C)) % np.pi) / s.imag)
-    agrees("12.4", share=1, at_2_kg=limits[1], critical_ms=delays_ms[1])
+    agrees("12.4", at_2_kg=limits[1], critical_ms=delays_ms[1])
 
 
 def test_a_little_delay_that_helps():
@@ -395,7 +395,7 @@ def test_a_little_delay_that_helps():
         return wall.nyquist_limit(loop).stiffness, loop
 
     massless = {share: largest(share, 1e-5)[0] / (20 * 30) for share in (0, 0.23, 0.25, 0.27)}
-    agrees("12.5", share=1, prompt=massless[0], best=massless[0.25], best_share=0.25)
+    agrees("12.5", prompt=massless[0], best=massless[0.25], best_share=0.25)
     assert max(massless, key=massless.get) == 0.25
 
     limits = []
@@ -403,7 +403,7 @@ def test_a_little_delay_that_helps():
         limit, loop = largest(hundredth / 100, 0.05)
         assert wall.simulated_limit(loop) == pytest.approx(limit, rel=0.01)
         limits.append(limit)
-    agrees("12.5", share=1, light_gain=limits[-1] / limits[0])
+    agrees("12.5", light_gain=limits[-1] / limits[0])
     assert np.argmax(limits) == 2
 
 
