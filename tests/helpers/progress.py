@@ -54,10 +54,10 @@ class Progress:
         self.outcomes = {}
         units = expected(config.args)
         if units:
-            minutes = units * self.unit_s / 60
+            seconds = units * self.unit_s
             cores = os.cpu_count()
             print(
-                f"about {minutes:.0f} min of processor, {minutes / cores:.0f} min on {cores} free cores "
+                f"about {seconds:.0f} s of processor, {seconds / cores:.0f} s on {cores} free cores "
                 f"({units:,} units of {self.unit_s:.2f} s)"
             )
 
