@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from tqdm import tqdm
 from tqdm.contrib.logging import logging_redirect_tqdm
@@ -20,10 +21,10 @@ from ..files.images import is_image, read_greys
 from ..files.recording import Footage, frames_of, open_footage
 from .target import Appearance, Detection, Target, appearances, detect_target
 
-# Images that are looked at first where there are three times as many: if none shows the target, an image
-# without it takes longest, and there is no use in looking at them all.
-FIRST = 12
-FEWEST_FIRST = 3  # of each camera
+# An image without the target takes longest. So small copies of some images are searched first, then a few
+# images at their full size, and the others only if one of these shows the target.
+FIRST, FIRST_PX = 12, 480
+FEW = 4
 MOST_SHOWING = 5  # of all images with it
 # Views by which light on dark leads dark on light, or is behind it, when only the leader is looked for:
 # a target is printed in one way.
@@ -99,9 +100,10 @@ def read_views(
 
     Views of folders are paired by their files' names, of patterns by what the ``*`` stands for, or by the
     numbers in them where these pair more, of videos by the frames' numbers; a view may be missing in a
-    camera. Of more than `most` views some are passed over, evenly. Of more than three times `FIRST`
-    images that many are looked at first, spread evenly over cameras and views; the others only if one of
-    these shows the target.
+    camera. Of more than `most` views some are passed over, evenly. Of more than `FIRST` images copies of
+    that many, at most `FIRST_PX` wide or high and spread evenly over cameras and views, are searched first.
+    If none shows the target, `FEW` images are searched at full size, and the others only if one of these
+    shows it.
 
     Parameters
     ----------
@@ -256,20 +258,51 @@ def _matching(pattern: Path) -> _Source:
 def _found(
     opened: dict[str, _Source], chosen: list[str], target: Target, progress: bool
 ) -> TargetViews:
-    """The target in the chosen views, none passed over; of many images, a few are searched first."""
+    """The target in the chosen views, none passed over; a few images are searched first."""
     every = {
         name: [label for label in chosen if label in set(source.labels)]
         for name, source in opened.items()
     }
-    count = sum(map(len, every.values()))
     known = dict[tuple[str, str], Detection]()
-    if count > 3 * FIRST:
-        each = max(FEWEST_FIRST, -(-FIRST // len(opened)))
-        first = {name: _spread(labels, each) for name, labels in every.items()}
-        seen = _detected(opened, chosen, first, target, progress, known)
+    logged = set[str]()
+    if _count(every) > FIRST and not _is_in_small_copies(opened, every, target, logged):
+        few = _sample(every, FEW)
+        seen = _detected(opened, chosen, few, target, progress, known, logged)
         if not np.isfinite(seen.uv).any():
-            return seen._replace(unseen=count - sum(map(len, first.values())))
-    return _detected(opened, chosen, every, target, progress, known)
+            return seen._replace(unseen=_count(every) - _count(few))
+    return _detected(opened, chosen, every, target, progress, known, logged)
+
+
+def _is_in_small_copies(
+    opened: dict[str, _Source], every: Mapping[str, list[str]], target: Target, logged: set[str]
+) -> bool:
+    """Whether the small copy of one of the first images shows the target."""
+    first = _sample(every, FIRST)
+    for name, source in opened.items():
+        for _, image, _ in _images(source, first[name], logged):
+            small = _small_copy(_eight_bit(image))
+            if np.isfinite(detect_target(small, target, appearances(target)).uv).any():
+                return True
+    return False
+
+
+def _small_copy(image: np.ndarray) -> np.ndarray:
+    scale = min(1.0, FIRST_PX / max(image.shape))
+    height, width = (max(1, round(scale * side)) for side in image.shape)
+    return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def _sample(every: Mapping[str, list[str]], count: int) -> dict[str, list[str]]:
+    """That many labels, one or more of each camera, spread evenly over its own."""
+    of_each, more = divmod(count, len(every))
+    return {
+        name: _spread(labels, max(1, of_each + (k < more)))
+        for k, (name, labels) in enumerate(every.items())
+    }
+
+
+def _count(labels: Mapping[str, list[str]]) -> int:
+    return sum(map(len, labels.values()))
 
 
 def _spread(labels: list[str], count: int) -> list[str]:
@@ -286,9 +319,10 @@ def _detected(
     target: Target,
     progress: bool,
     known: dict[tuple[str, str], Detection],
+    logged: set[str],
 ) -> TargetViews:
     """The target in the wanted views of each camera. `known` holds the detections by camera and label,
-    and new ones are added to it.
+    and `logged` the warnings about files; new ones are added to them.
     """
     shape = (len(opened), len(chosen))
     uv = np.full((*shape, len(target.points), 2), np.nan)
@@ -296,17 +330,15 @@ def _detected(
     sizes = list[tuple[int, int]]()
     showing = list[np.ndarray]()
     markers = list[tuple[int, ...]]()
-    reported: set[str] = set()
     by_all = Counter[Appearance]()
-    count = sum(map(len, wanted.values()))
     with (
         logging_redirect_tqdm(),
-        tqdm(total=count, unit="image", disable=None if progress else True) as bar,
+        tqdm(total=_count(wanted), unit="image", disable=None if progress else True) as bar,
     ):
         for k, (name, source) in enumerate(opened.items()):
             size = None
             by_camera = Counter[Appearance]()
-            for label, image, path in _images(source, wanted[name], reported):
+            for label, image, path in _images(source, wanted[name], logged):
                 size = _same_size(image, size, path)
                 v = chosen.index(label)
                 grey = _eight_bit(image)
