@@ -14,7 +14,13 @@ def test_there_are_examples():
     assert len(EXAMPLES) >= 3
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [
+        pytest.param(path, marks=[pytest.mark.heavy] * (path.stem == "a_recording"), id=path.stem)
+        for path in EXAMPLES
+    ],
+)
 def test_an_example_runs_and_is_accurate(path, tmp_path):
     done = subprocess.run(
         [sys.executable, str(path)], cwd=tmp_path, capture_output=True, text=True, check=True
