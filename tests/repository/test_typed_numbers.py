@@ -305,7 +305,7 @@ def test_what_chapter_9_has_typed():
     assert {f"{one:.1f}" for one in places.std(axis=0, ddof=1)} == {"0.2"}
     page_says(chapter, "no offset, and 0.2 mm of scatter in each direction")
     assert {f"{one:.1f}" for one in np.abs(errors - errors.mean(axis=0)).mean(axis=0)} == {"0.2"}
-    page_says(chapter, "one number per angle, and 0.2° are left")
+    page_says(chapter, "Subtract the offset of each angle, and a mean error of 0.2° remains")
 
     edges = []
     for one in RIG.cameras:
