@@ -142,7 +142,7 @@ def _neither_wrapped_nor_lost(measured_deg, set_deg):
 
 
 askew_differences_exercise = FunctionExerciseMaker(
-    "09.4", "A handle mounted askew", "table1-askew", points=4, within=1e-5
+    "09.4", "A handle clamped askew", "table1-askew", points=4, within=1e-5
 )
 
 
@@ -158,7 +158,7 @@ def askew_differences(angles_deg, turn_deg, side):
     turn_deg
         (3,), a rotation vector, deg.
     side
-        ``"handle"`` for a handle that is mounted askew, R' = R C; ``"world"`` for a reference that
+        ``"handle"`` for a handle that is clamped askew, R' = R C; ``"world"`` for a reference that
         stands askew, R' = C R.
 
     Returns
