@@ -83,7 +83,7 @@ def test_the_ncc_threshold_moves_verdict_figure_and_closing_errors():
     for name, falls in (("left_wrong", True), ("lost_right", False)):
         values = [one[name] for one in results]
         assert values == sorted(set(values), reverse=falls)
-    assert differ(found, "matching-27", "image/png")
+    assert differ(found, "df66bd19", "image/png")
     # of no threshold against 0.9, whatever is the chapter's own
     assert len({one["threshold_verdict"] for one in results}) == 1
     for name in ("wrong_matches", "E_t_mm"):
