@@ -50,7 +50,7 @@ MASSES = "12, Two masses and a channel"
 EXERCISES_HERE = "12, Exercises"
 
 
-position_force_exercise = FunctionExerciseMaker("12.3", "Four channels", "ex-force-four", points=4)
+position_force_exercise = FunctionExerciseMaker("12.3", "Send the force", "ex-force-four", points=4)
 
 
 @position_force_exercise.solution
