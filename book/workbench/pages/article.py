@@ -1,44 +1,30 @@
-"""The article: the replication in ten pages, whose numbers come from the board, the sweeps and Table 1.
+"""Numbers and figures of the article, the replication in ten pages, and its metadata for the journal.
 
-The text is ``article.md.j2``; what it quotes is `values`. `make article` prints the built page.
+The text is ``article.md.j2``. `make article` prints the built page.
 """
 
 from __future__ import annotations
 
-import json
-import platform
 import re
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import yaml
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from trinolab.files.inputs import read_toml
 from trinolab.files.outputs import write_whole
 
-from .. import provenance
-from ..imports import our_files
 from ..plotting.basics import write_drawing
 from ..plotting.structure import plot_rig
 from ..plotting.table1 import plot_budget, plot_errors_in_space, plot_refused
 from ..studies import accounts, claim_draws, deviations, isotropy, lever, pattern
 from ..studies import answer as cause
 from ..studies.protocol import load_deviations
-from ..studies.scoreboard import essential_rows
-from . import ranges_pages
-from .claims_pages import (
-    claim_link,
-    escaped,
-    list_table,
-    read_board,
-    value_of,
-)
+from .template import render
 
 ROOT = Path(__file__).resolve().parents[3]
 TEMPLATE = "article.md.j2"
@@ -78,22 +64,13 @@ STATISTICS = {
 }
 
 
-def write_pages(scoreboard: Path, folder: Path) -> None:
-    """Write the text and its figures, from the stored board."""
+def write_parts(numbers: dict[str, Any], folder: Path) -> None:
+    """Write the figures and the metadata into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    text = article(read_board(scoreboard))
-    write_whole(folder / "text.md", text + "\n")
+    text = render('{% include "article.md.j2" %}', numbers)
     write_whole(folder / "metadata.yaml", metadata(text))
     for name, draw in FIGURES.items():
         write_drawing(draw(), folder / f"{name}.svg")
-
-
-def article(board: pd.DataFrame) -> str:
-    """The text, in MyST."""
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent), undefined=StrictUndefined
-    )
-    return environment.get_template(TEMPLATE).render(values(checked(board)))
 
 
 def metadata(text: str) -> str:
@@ -123,33 +100,9 @@ def checked(board: pd.DataFrame) -> pd.DataFrame:
     return board
 
 
-def values(board: pd.DataFrame) -> dict[str, Any]:
-    """All that the text quotes, by the name that it has there."""
-    return {
-        **_of_the_board(board),
-        **_of_the_protocol(),
-        **_of_table1(),
-        **_of_the_lever(),
-        "figure": lambda name: f"{{numref}}`article-{name}`",
-        **_software(),
-    }
-
-
-def _of_the_board(board: pd.DataFrame) -> dict[str, Any]:
-    rows = {str(row.no): row for row in board.itertuples()}
-    return {
-        "ours": lambda no: escaped(value_of(rows[no])),
-        "percent": lambda no: _percent(rows[no]),
-        "paper": lambda no: f"{rows[no].paper} {rows[no].unit}",
-        "claim": lambda no: f"claim {claim_link(no)}",
-        "decides": lambda no: escaped(rows[no].sensitivity),
-        "assumptions_table": ranges_pages.assumptions_table(board),
-        "flatness_table": ranges_pages.flatness_table(),
-        "claims_table": claims_table(board),
-        "untestable": ", ".join(
-            claim_link(no) for no in board["no"][board["verdict"] == "cannot be tested"]
-        ),
-    }
+def values(facts: cause.Facts) -> dict[str, Any]:
+    """Numbers that the article alone quotes."""
+    return {**_of_the_protocol(), **_of_table1(facts), **_of_the_lever()}
 
 
 def _of_the_protocol() -> dict[str, Any]:
@@ -168,8 +121,7 @@ def _of_the_protocol() -> dict[str, Any]:
     }
 
 
-def _of_table1() -> dict[str, Any]:
-    facts = cause.facts(TABLES, SEED)
+def _of_table1(facts: cause.Facts) -> dict[str, Any]:
     table = load_table1()
     angles = deviations.exact([table.measured], table.set_poses).angles_deg[0]
     budget = _budget()
@@ -178,7 +130,6 @@ def _of_table1() -> dict[str, Any]:
     of_points = isotropy.of_points(load_rig("paper_pair"), table.set_poses.translation)
     per_px = np.sqrt(of_points.mean(axis=0).diagonal())
     return {
-        "cause": cause.sentence(facts),
         "poses": len(table.set_poses),
         "assumed_share": f"{100 * facts.assumed_share:.0f} %",
         "scatter_mm": _listed([f"{value:.2f}" for value in facts.scatter_mm]),
@@ -236,50 +187,6 @@ def _of_the_lever() -> dict[str, Any]:
         "end_moved_mm": f"{np.linalg.norm(end_mm * swing[:, :, 1], axis=1).mean():.2f}",
         "end_power": f"{100 * power:.0f} %",
     }
-
-
-def _software() -> dict[str, str]:
-    """Authors and version, and a table of licence, commit and hashes."""
-    meta = json.loads((ROOT / "codemeta.json").read_text(encoding="utf-8"))
-    packages = ("numpy", "scipy", "opencv-contrib-python-headless", "pandas")
-    with_packages = ", ".join(f"{name} {version(name)}" for name in packages)
-    rows = [
-        ("Software", f"{meta['name']} {meta['version']}, {meta['license'].rsplit('/')[-1]}"),
-        ("Commit", f"`{provenance.commit() or 'unknown: no clone'}`"),
-        ("SHA-256 of the code", f"`{provenance.hash_code(our_files())}`"),
-        ("SHA-256 of the data", f"`{provenance.surroundings([])['its data']}`"),
-        ("Computed with", f"Python {platform.python_version()}, {with_packages}"),
-        ("DOI", "none"),
-    ]
-    return {
-        "authors": meta["author"][0]["name"],
-        "version": f"{meta['name']} {meta['version']}",
-        "software": list_table(("What", "In this article"), rows, "25 75", "environment", raw=True),
-    }
-
-
-def claims_table(board: pd.DataFrame) -> str:
-    """The essential rows, a line per question."""
-    lines = []
-    for question, some in essential_rows(board).items():
-        paper = list(dict.fromkeys(f"{row.paper} {row.unit}".strip() for row in some.itertuples()))
-        said = ["yes"] if set(some["paper"]) == {"yes"} else paper
-        ours = [
-            f"{claim_link(row.no)}: {escaped(value_of(row))}, **{row.verdict}**"
-            for row in some.itertuples()
-        ]
-        lines.append((escaped(question), " <br> ".join(said), " <br> ".join(ours)))
-    head = ("Question", "Paper", "Claim: ours (interval of 95 %), verdict")
-    return list_table(head, lines, "34 14 52", "claims", raw=True)
-
-
-def _percent(row: Any) -> str:
-    """A share with its interval, in percent."""
-    value, low, high = (
-        f"{100 * share:.0f}" if share >= 0.01 or share == 0 else f"{100 * share:.2g}"
-        for share in (row.ours, row.low, row.high)
-    )
-    return f"{value} % ({low} to {high} %)"
 
 
 def _listed(texts: list[str]) -> str:

@@ -536,30 +536,15 @@ def run_pages(folder: Path) -> int:
 
 
 def write_reference() -> None:
-    """Write the API reference, the commands' help, the table of the folders, the parts of the pages
-    of the claims, of the course and of the report, the article, all as the package is now, the links to where it
-    runs, and what the start page and the book in an hour show of the chapters.
+    """Write the API reference, the commands' help and the table of the folders as the package is now, the
+    numbers of all pages, the article's figures, the links to where the book runs, and the film.
     """
-    from . import (
-        article,
-        claims_pages,
-        commandhelp,
-        course_pages,
-        hour,
-        house,
-        online,
-        reference,
-        report_pages,
-    )
+    from . import article, commandhelp, house, numbers, online, reference
 
     reference.write_pages()
     commandhelp.write_help()
     house.write_house()
-    claims_pages.write_pages(SCOREBOARD, GENERATED / "claims")
-    course_pages.write_pages(GENERATED / "course")
-    report_pages.write_pages(SCOREBOARD, SECONDS, EXECUTED, GENERATED / "report")
-    article.write_pages(SCOREBOARD, GENERATED / "article")
-    hour.write_pages(EXECUTED, GENERATED / "hour")
+    article.write_parts(numbers.write_numbers(BUILD), GENERATED / "article")
     online.write_page(GENERATED / "online")
     write_film()
 

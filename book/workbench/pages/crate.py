@@ -17,7 +17,7 @@ from typing import Any
 from trinolab.files.outputs import write_whole
 
 from ..provenance import commit
-from .report_pages import ROOT, sha256
+from .numbers import ROOT, sha256
 
 # of RO-Crate, and the one term of schema.org that it does not have
 CONTEXT = ["https://w3id.org/ro/crate/1.1/context", {"sha256": "https://schema.org/sha256"}]
