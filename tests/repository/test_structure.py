@@ -3,7 +3,6 @@
 import re
 import subprocess
 import sys
-from graphlib import TopologicalSorter
 from pathlib import Path
 
 import nbformat
@@ -11,29 +10,13 @@ import pytest
 
 from trinolab.bench.rendering import DRAWN_WITH
 from workbench.imports import PACKAGES, files_of_module, module_of_file, our_files
-from workbench.pages import house
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted(ROOT.glob("notebooks/*.ipynb"))
-TOGETHER = {"trinolab.datasets": "trinolab.files"}  # they import each other's modules, in no circle
 
 
 def cells(path):
     return [cell for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
-
-
-def test_each_folder_has_a_floor():
-    """No circle among the folders and the modules at the top (the walls between them: `make
-    lint`).
-    """
-    graph = house.rooms()
-    joined = {room: set() for room in graph if room not in TOGETHER}
-    for room, imported in graph.items():
-        own = TOGETHER.get(room, room)
-        joined[own] |= {TOGETHER.get(other, other) for other in imported} - {own}
-    order = list(TopologicalSorter(joined).static_order())  # raises where there is a circle
-    assert joined["trinolab.checks"] == set()
-    assert order[-1] == "workbench.cli"
 
 
 def test_a_recording_is_stale_when_what_draws_it_has_changed():

@@ -536,14 +536,13 @@ def run_pages(folder: Path) -> int:
 
 
 def write_reference() -> None:
-    """Write the API reference, the commands' help and the table of the folders as the package is now, the
-    numbers of all pages, the article's figures, the links to where the book runs, and the film.
+    """Write the API reference and the commands' help as the package is now, the numbers of all pages, the
+    article's figures, the links to where the book runs, and the film.
     """
-    from . import article, commandhelp, house, numbers, online, reference
+    from . import article, commandhelp, numbers, online, reference
 
     reference.write_pages()
     commandhelp.write_help()
-    house.write_house()
     article.write_parts(numbers.write_numbers(BUILD), GENERATED / "article")
     online.write_page(GENERATED / "online")
     write_film()

@@ -116,10 +116,7 @@ def protocol() -> dict[str, Any]:
     trials = load_trials()
     return {
         "trials": {name: one._asdict() for name, one in trials.items()},
-        "claims": [
-            {**asdict(one), "can_show": can_show(one, trials)}
-            for one in load_claims()
-        ],
+        "claims": [{**asdict(one), "can_show": can_show(one, trials)} for one in load_claims()],
         "deviations": [one._asdict() for one in load_deviations()],
     }
 

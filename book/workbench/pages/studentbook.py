@@ -8,6 +8,7 @@ chapter runs again.
 
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 import sys
@@ -22,6 +23,7 @@ from trinolab.files.outputs import write_whole
 from ..course.texts import without_solutions
 from ..sweep.notebook import read_notebook
 from .build import BUILD, BUILD_COMMAND, CACHE, GENERATED, HTML, INDEX, ROOT, chapters
+from .template import NUMBERS
 
 STUDENT = BUILD / "student"
 STUDENT_HTML = STUDENT / "_build" / "html"
@@ -54,7 +56,10 @@ def write_sources(folder: Path) -> None:
     """Write what the students' pages are built from into a folder of their own."""
     kept_back = shutil.ignore_patterns("teaching", "workbench", "satellites", "lab", "__pycache__")
     shutil.copytree(ROOT / "book", folder / "book", ignore=kept_back)
-    shutil.copytree(GENERATED, folder / "_build" / "generated", ignore=_teachers_parts)
+    shutil.copytree(GENERATED, folder / "_build" / "generated")
+    numbers = json.loads((GENERATED / NUMBERS.name).read_text(encoding="utf-8"))
+    del numbers["course"]  # wrong answers with what the grader says
+    write_whole(folder / NUMBERS, json.dumps(numbers))
     shutil.copytree(ROOT / "data", folder / "data", ignore=shutil.ignore_patterns("exercises"))
     shutil.copytree(CACHE, folder / "_build" / CACHE.name)
     for path in chapters():
@@ -71,11 +76,6 @@ def write_sources(folder: Path) -> None:
     sphinx["extensions"].append("workbench.pages.studentbook")
     sphinx["html_copy_source"] = False
     write_whole(folder / "_config.yml", yaml.safe_dump(config, sort_keys=False))
-
-
-def _teachers_parts(folder: str, names: list[str]) -> list[str]:
-    """Of the generated parts of pages those of the course: mistakes with what they give."""
-    return names if Path(folder) == GENERATED / "course" else []
 
 
 def without_their_solutions(path: Path) -> Any:

@@ -20,6 +20,12 @@ NUMBERS = Path("_build", "generated", "numbers.json")  # below the folder of the
 SIGNS = {"match": "✓ ", "met": "✓ ", "differs": "✗ "}
 
 
+class Missing(StrictUndefined):
+    """A name that is not there; in a format as well it is the error that says so."""
+
+    __format__ = StrictUndefined._fail_with_undefined_error  # type: ignore[assignment]
+
+
 def setup(app: Any) -> dict[str, bool]:
     """Connect the extension to Sphinx."""
     app.connect("source-read", render_page)
@@ -48,7 +54,7 @@ def environment() -> Environment:
     """Templates with the filters below; ``{#-`` begins a comment, since ``{#`` begins an anchor of MyST."""
     made = Environment(
         loader=FileSystemLoader(Path(__file__).parent),
-        undefined=StrictUndefined,
+        undefined=Missing,
         trim_blocks=True,
         lstrip_blocks=True,
         comment_start_string="{#-",

@@ -10,7 +10,7 @@ import pytest
 
 from workbench.course import plan
 from workbench.course.exercises import CHAPTERS, of_chapter
-from workbench.pages import course_pages
+from workbench.pages.course import objective
 
 
 def test_each_exercise_is_planned_and_each_objective_served():
@@ -33,11 +33,13 @@ def test_an_exercise_that_is_not_there_is_named(monkeypatch, tmp_path):
 
 
 def test_the_map_names_the_exercises_of_each_objective():
-    rows = course_pages.objectives_table().split("* - *")[1:]
-    for key, row in zip(plan.objectives(), rows, strict=True):
-        assert row.startswith(f"{key}*")
-        wanted = {number for number, one in plan.planned().items() if key in one.objectives}
-        assert set(row.split("\n  - ")[2].strip().split(", ")) == wanted
+    planned = plan.planned()
+    for key, says in plan.objectives().items():
+        row = objective(key, says)
+        assert set(row["exercises"]) == {no for no, one in planned.items() if key in one.objectives}
+        minutes = [planned[number].minutes for number in row["exercises"]]
+        assert minutes == sorted(minutes)
+        assert row["minutes"] == sum(minutes)
 
 
 TEACHING = Path(__file__).resolve().parents[3] / "book" / "teaching"

@@ -8,14 +8,14 @@ import pytest
 import yaml
 
 from trinolab.datasets import load_table1
-from workbench.pages import article
+from workbench.pages import article, template
 from workbench.studies import answer
 from workbench.studies.protocol import load_claims
 
-TEXT = (Path(article.__file__).parent / article.TEMPLATE).read_text(encoding="utf-8")
+TEXT = (Path(template.__file__).parent / article.TEMPLATE).read_text(encoding="utf-8")
 # What may have a digit without being a result: places in the paper, names, links and licences.
 NAMES = (
-    r"\{#-.*?-#\}|\{\{.*?\}\}",  # of the template: a remark, a computed value
+    r"\{#-.*?-#\}|\{%.*?%\}|\{\{.*?\}\}",  # of the template: a remark, a statement, a computed value
     r"\$\$[^$]+\$\$|\$[^$]+\$|^:(?:widths|header-rows): [\d ]+$",  # formulas, a table
     r"(Eq|Sect|Fig)\. \d[\d.]*( and \d+| to \d+)?",
     r"Table 1\b",
@@ -28,8 +28,8 @@ NAMES = (
 
 
 @pytest.fixture(scope="module")
-def text(board):
-    return article.article(board)
+def text(page):
+    return page("article")
 
 
 def without_names(text):
@@ -58,15 +58,16 @@ def test_the_values_are_those_of_the_board_and_of_the_printed_table(text):
     assert f"{((measured - set_to + 180) % 360 - 180).mean():+.2f}°" in offsets
 
 
-def test_every_essential_row_stands_in_the_table(board):
-    links = re.findall(r"<claim-(\w+)>", article.claims_table(board))
+def test_every_essential_row_stands_in_the_table(text):
+    table = text.partition(":class: claims")[2].partition("````")[0]
+    links = re.findall(r"<claim-(\w+)>", table)
     assert links == [claim.no for claim in load_claims() if claim.question is not None]
 
 
 def test_a_verdict_that_the_text_does_not_know_stops_the_build(board):
     changed = board.assign(verdict=board["verdict"].mask(board["no"] == "5", "match"))
     with pytest.raises(ValueError, match=r"claim 5: the text says 'undecided', the board 'match'"):
-        article.article(changed)
+        article.checked(changed)
 
 
 def test_it_begins_with_the_answer_and_the_metadata_have_the_abstract(text):

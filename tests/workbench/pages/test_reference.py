@@ -7,11 +7,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-import satellites
-import trinolab
-import workbench
 from workbench.imports import module_of_file, our_files
-from workbench.pages import house, reference
+from workbench.pages import reference
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGES = reference.pages()
@@ -90,14 +87,3 @@ def test_a_module_at_the_top_that_is_on_no_page_is_an_error(monkeypatch):
 )
 def test_a_name_in_a_docstring_means_what_it_means_in_the_module(name, module, full):
     assert reference.full_name(name, module) == full
-
-
-# --- the table of the folders
-
-
-def test_the_table_has_every_folder(tmp_path):
-    house.write_house(tmp_path)
-    rows = (tmp_path / "house.md").read_text(encoding="utf-8").splitlines()[2:]
-    assert house.rooms()["trinolab.kalman"] == {"trinolab.checks"}
-    folders = [reference.folders(package) for package in (trinolab, workbench, satellites)]
-    assert len(rows) == sum(map(len, folders))

@@ -1,4 +1,4 @@
-"""The replication report: its sentence follows from the board, its table from the study's numbers."""
+"""The replication report: its front follows from the board, its table from the study's numbers."""
 
 import re
 from pathlib import Path
@@ -7,36 +7,44 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from workbench.pages import report_pages
-from workbench.pages.claims_pages import escaped
+from workbench.pages import sensitivity
+from workbench.pages.numbers import read_sensitivity
+from workbench.pages.template import escaped
 from workbench.studies.ranges import load_ranges
 from workbench.studies.scoreboard import essential_rows
 
 ROOT = Path(__file__).resolve().parents[3]
 ASSUMPTIONS = (ROOT / "book" / "assumptions.md").read_text(encoding="utf-8")
-TABLE = pd.read_csv(ROOT / "data" / "sensitivity.csv", keep_default_na=False, na_values=[""])
+REPORT = (ROOT / "book" / "report.md").read_text(encoding="utf-8")
 
 
-def test_every_question_stands_once_under_its_verdicts(board):
-    text = report_pages.front(board)
+@pytest.mark.parametrize("name", ["start", "report"])
+def test_every_question_stands_once_under_its_verdicts(board, page, name):
+    text = page(name)
+    lines = {}
     for question, rows in essential_rows(board).items():
         (line,) = [line for line in text.splitlines() if escaped(question) in line]
         verdicts = set(rows["verdict"])
         group = verdicts.pop() if len(verdicts) == 1 else "mixed"
-        assert line.startswith(f"- **{report_pages.FARES[group]}:**")
+        assert lines.setdefault(group, line) == line
         assert all(f"<claim-{no}>" in line for no in rows["no"])
+    assert len(set(lines.values())) == len(lines)
 
 
-def test_every_claim_stands_in_the_table_of_kinds(board):
-    links = re.findall(r"<claim-(\w+)>", report_pages.kinds(board))
+def test_every_claim_stands_in_the_table_of_kinds(board, page):
+    table = page("report").partition(":class: kinds")[2].partition("````")[0]
+    links = re.findall(r"<claim-(\w+)>", table)
     assert sorted(links) == sorted(board["no"])
 
 
 def test_every_assumption_is_varied_or_it_is_said_why_not():
     there = set(re.findall(r"\{#a(\d+)\}", ASSUMPTIONS))
-    varied = {no.removeprefix("A") for no in TABLE["assumption"]}
+    varied = {no.removeprefix("A") for no in read_sensitivity()["assumption"]}
     varied |= {one.assumption.removeprefix("A") for one in load_ranges()}
-    spared = {no.removeprefix("A") for no in report_pages.NOT_VARIED}
+    not_varied = REPORT.partition("Not varied here:")[2].partition("`````")[0]
+    spared = set(
+        re.findall(r'^- \{\{ "A(\d+)" \| assumption \}\}: .+\.$', not_varied, re.MULTILINE)
+    )
     assert varied | spared == there
     assert not varied & spared
 
@@ -68,20 +76,20 @@ def row(difference=0.1, low=0.05, high=0.15, **changes):
 )
 def test_a_change_is_shown_where_it_is_no_chance(changes, shown):
     table = pd.DataFrame([row(), row(*changes)])
-    assert report_pages.is_shown(next(table.tail(1).itertuples())) == shown
+    assert sensitivity.is_shown(table).tolist() == [True, shown]
 
 
-def test_the_conclusion_names_what_reaches_the_papers_number():
+def test_the_conclusion_names_what_reaches_the_papers_number(page):
     table = pd.DataFrame([row(changed=0.2), row(assumption="A4", changed=0.6)])
-    text = report_pages.conclusion(table)
+    text = page("report", sensitivity=sensitivity.sensitivity(table))
     assert "between 0.2 and 0.6 mm" in text
     assert "Only [A4](assumptions.md#a4) (0.6 mm) takes it to" in text
     # data/sweeps/budget.csv, R_rl as printed after a registration by 20 poses
     assert "of A4 a registration by Table 1's poses leaves 0.079 mm" in text
-    assert "None takes it to" in report_pages.conclusion(table[:1])
+    assert "None takes it to" in page("report", sensitivity=sensitivity.sensitivity(table[:1]))
 
 
-def test_what_is_beyond_chance_is_marked():
+def test_what_is_beyond_chance_is_marked(page):
     """Of three intervals one is far out; the bare 5 % of two others do not stay."""
     table = pd.DataFrame(
         [
@@ -92,12 +100,13 @@ def test_what_is_beyond_chance_is_marked():
             row(0.1, np.nan, np.nan),  # nothing drawn
         ]
     )
-    assert report_pages.tested(table).tolist() == [True, True, True, False, False]
-    assert report_pages.after_holm(table).tolist() == [True, False, False, True, True]
-    text = report_pages.by_chance(table)
+    assert sensitivity.tested(table).tolist() == [True, True, True, False, False]
+    assert sensitivity.after_holm(table).tolist() == [True, False, False, True, True]
+    text = page("report", sensitivity=sensitivity.sensitivity(table))
     for said in ("In all 4 intervals", "Of these 3 have", "3 are shown", "correction 1 stay"):
         assert said in text
-    assert report_pages.sensitivity(table).count(" ?") == 2
+    changes = text.partition(":class: sensitivity")[2].partition("````")[0]
+    assert changes.count(" ?") == 2
 
 
 @pytest.mark.parametrize(
@@ -109,6 +118,6 @@ def test_what_is_beyond_chance_is_marked():
         ({"unit": "share", "n": 30}, "10 → **20 %** (+5 to +15)"),
     ],
 )
-def test_a_change_is_shown_with_its_interval(changes, shown):
-    (one,) = pd.DataFrame([row(**changes)]).itertuples()
-    assert report_pages.change_text(one).endswith(shown)
+def test_a_change_is_shown_with_its_interval(page, changes, shown):
+    table = pd.DataFrame([row(**changes)])
+    assert f"$E_t$ {shown}\n" in page("report", sensitivity=sensitivity.sensitivity(table))

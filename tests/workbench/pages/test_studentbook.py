@@ -1,5 +1,6 @@
 """The students' book has no solution, no teacher's note and no exam, and all else."""
 
+import json
 import re
 import zipfile
 
@@ -11,6 +12,7 @@ from pages import built
 from workbench.course.texts import texts_of
 from workbench.pages import coursezip, studentbook
 from workbench.pages.build import GENERATED
+from workbench.pages.template import NUMBERS
 from workbench.sweep.notebook import read_notebook
 
 pytestmark = built
@@ -57,8 +59,9 @@ def test_no_page_of_the_teachers_is_left(sources):
     toc = (sources / "_toc.yml").read_text(encoding="utf-8")
     assert "book/lab_sheet" in toc
     assert "teaching" not in toc
-    for gone in ("book/teaching", "data/exercises", "_build/generated/course/*"):
+    for gone in ("book/teaching", "data/exercises"):
         assert not list(sources.glob(gone))
+    assert "course" not in json.loads((sources / NUMBERS).read_text(encoding="utf-8"))
     assert not [path for path in sources.glob("book/*.md") if "`teaching/" in path.read_text()]
     assert (sources / "_build" / "generated" / "api").exists() == (GENERATED / "api").exists()
 
