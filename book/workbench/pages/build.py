@@ -575,7 +575,7 @@ def pages_made_from() -> str:
         *ROOT.glob("data/**/*"),
         *ROOT.glob("trinolab/**/*.py"),
     ]
-    results = [SCOREBOARD, *GENERATED.glob("*"), *(result_of(path.stem) for path in chapters())]
+    results = [SCOREBOARD, *GENERATED.glob("*.md"), *(result_of(path.stem) for path in chapters())]
     return hash_text(surroundings([])["the environment"] + hash_files([*sources, *results], ROOT))
 
 
