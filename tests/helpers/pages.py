@@ -1,6 +1,7 @@
 """What pages and chapters say, for tests that compute their numbers anew."""
 
 import json
+import re
 from functools import cache
 
 import pytest
@@ -38,3 +39,10 @@ def page_says(path: str, *sentences: str) -> None:
     """The page or chapter has each of these, to the digit."""
     for sentence in sentences:
         assert sentence in text_of(path), sentence
+
+
+def table_of(text: str, kind: str) -> list[list[str]]:
+    """The rows of a page's table of a kind without its head, as lists of cells."""
+    table = text.partition(f":class: {kind}\n")[2].partition("````")[0]
+    rows = re.split(r"^\* - ", table, flags=re.MULTILINE)[2:]
+    return [re.split(r"^  - ", row, flags=re.MULTILINE) for row in rows]

@@ -5,6 +5,7 @@ tests (no blank lines, comments or docstrings), and the words of README, chapter
 
 import ast
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -35,10 +36,10 @@ def lines_of_code(text):
 
 
 def words(path):
-    """The number of words of a page, or of a notebook's Markdown cells."""
+    """The number of words of a page without its template's statements, or of a notebook's Markdown cells."""
     text = path.read_text(encoding="utf-8")
     if path.suffix != ".ipynb":
-        return len(text.split())
+        return len(re.sub(r"\{%.*?%\}|\{\{.*?\}\}", "", text).split())
     cells = json.loads(text)["cells"]
     return sum(
         len("".join(cell["source"]).split()) for cell in cells if cell["cell_type"] == "markdown"

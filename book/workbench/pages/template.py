@@ -40,7 +40,7 @@ def render_page(app: Any, docname: str, source: list[str]) -> None:
     if docname.startswith("book/") and path.suffix == ".md":
         try:
             source[0] = render(source[0], _read(Path(app.srcdir) / NUMBERS))
-        except TemplateError as error:
+        except (TemplateError, OSError) as error:
             raise ExtensionError(f"{path}: {error}") from error
 
 

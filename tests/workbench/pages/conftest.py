@@ -3,6 +3,7 @@ rendered from its numbers.
 """
 
 import json
+from collections import defaultdict
 
 import pytest
 from pages import ROOT, browser  # noqa: F401
@@ -36,18 +37,13 @@ def numbers(board, tmp_path_factory):
     return json.loads((build / "generated" / "numbers.json").read_text(encoding="utf-8"))
 
 
-class Sevens(dict):
-    """Values of a chapter that are all 7."""
-
-    def __missing__(self, name):
-        return 7
-
-
 @pytest.fixture(scope="session")
 def page(numbers):
     """A page of the book as Sphinx reads it, by its name; what it quotes of chapters is 7."""
 
-    def rendered(name, glued=Sevens(), pictures=Sevens(), **other):  # noqa: B008  nobody changes them
+    sevens = defaultdict(lambda: 7)
+
+    def rendered(name, glued=sevens, pictures=sevens, **other):
         text = (ROOT / "book" / f"{name}.md").read_text(encoding="utf-8")
         chapters = {str(k): {"glued": glued, "pictures": pictures} for k in range(1, 13)}
         return template.render(text, {**numbers, "chapters": chapters, **other})

@@ -4,6 +4,7 @@ import re
 
 import pytest
 from chapters import LESSONS, STUDIES
+from pages import table_of
 
 from workbench.course.exercises import CHAPTERS, of_chapter
 from workbench.pages.course import reading_minutes
@@ -28,14 +29,8 @@ def test_every_known_mistake_is_listed(page):
             assert listed.count(escaped(one.mistakes[-1].says)) == 1, one.number
 
 
-def rows_of(text, kind):
-    """The rows of a page's table without its head, as lists of cells."""
-    table = text.partition(f":class: {kind}\n")[2].partition("````")[0]
-    return [row.split("\n  - ") for row in table.split("* - ")[2:]]
-
-
 def test_the_table_adds_up(page):
-    rows = rows_of(page("teaching/index"), "chapters")
+    rows = table_of(page("teaching/index"), "chapters")
     numbers = [[int(cell) for cell in row[1:]] for row in rows]
     assert len(numbers) == len(CHAPTERS) + 1
     assert numbers[-1] == [sum(column) for column in zip(*numbers[:-1], strict=True)]
@@ -66,7 +61,7 @@ def test_a_lesson_takes_the_minutes_that_its_card_says(path):
 
 
 def test_each_open_design_has_a_rubric_with_levels(page):
-    rows = rows_of(page("teaching/rubrics"), "designs")
+    rows = table_of(page("teaching/rubrics"), "designs")
     designs = [one for chapter in CHAPTERS for one in of_chapter(chapter) if one.kind == "design"]
     assert len(designs) == 6
     for one in designs:

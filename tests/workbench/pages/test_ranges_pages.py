@@ -1,9 +1,8 @@
 """Tables of what the paper leaves open: their numbers are those of the draws, their order is computed."""
 
-import re
-
 import pandas as pd
 import pytest
+from pages import table_of
 
 from trinolab.datasets import data_path
 from workbench.studies.ranges import load_ranges
@@ -12,15 +11,8 @@ from workbench.studies.scoreboard import drawn_results
 DRAWS = pd.read_csv(data_path("claims_draws.csv"))
 
 
-def cells(text, kind):
-    """The rows of a page's table without its head, as lists of cells."""
-    table = text.partition(f":class: {kind}\n")[2].partition("````")[0]
-    rows = re.split(r"^\* - ", table, flags=re.MULTILINE)[2:]
-    return [re.split(r"^  - ", row, flags=re.MULTILINE) for row in rows]
-
-
 def test_every_range_of_a_row_is_in_its_line(page):
-    rows = cells(page("report"), "ranges")
+    rows = table_of(page("report"), "ranges")
     results = drawn_results()
     for one in load_ranges():
         for no, check in one.checks.items():
@@ -30,7 +22,7 @@ def test_every_range_of_a_row_is_in_its_line(page):
 
 
 def test_ten_assumptions_those_that_turn_most_verdicts_first(page, numbers):
-    rows = cells(page("article"), "assumptions")
+    rows = table_of(page("article"), "assumptions")
     assert len(rows) == 10
     turned = [
         sum(
@@ -45,7 +37,7 @@ def test_ten_assumptions_those_that_turn_most_verdicts_first(page, numbers):
 
 @pytest.mark.parametrize("name", ["report", "article"])
 def test_flatness_has_the_means_of_its_draws(page, name):
-    rows = cells(page(name), "flatness")
+    rows = table_of(page(name), "flatness")
     of_trial = DRAWS[DRAWS["trial"] == "flatness"]
     assert [float(row[0]) for row in rows] == [0, 0.005, 0.01, 0.02]
     for row, name in zip(rows, ("flat", "bent_5um", "bent_10um", "bent_20um"), strict=True):
@@ -54,7 +46,7 @@ def test_flatness_has_the_means_of_its_draws(page, name):
 
 
 def test_rates_are_in_order_with_the_assumed_one_among_them(page):
-    rows = cells(page("report"), "rates")
+    rows = table_of(page("report"), "rates")
     rates = [float(row[0]) for row in rows]
     assert rates == sorted(rates)
     assert 0.01 in rates
