@@ -20,7 +20,7 @@ from ..sweep.notebook import read_notebook
 def course() -> dict[str, Any]:
     """The chapters, the objectives, the projects and the open designs."""
     return {
-        "chapters": [chapter_numbers(chapter) for chapter in CHAPTERS],
+        "chapters": {chapter: chapter_numbers(chapter) for chapter in CHAPTERS},
         "objectives": [objective(key, says) for key, says in objectives().items()],
         "projects": [
             {"number": one.number, "title": one.title, "answer": full_answer(path, text)}
