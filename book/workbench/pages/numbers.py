@@ -28,7 +28,7 @@ from .chapters import chapters
 from .course import course
 from .howmade import commit_said
 from .ranges import decisive, flatness, ranges, rates
-from .sensitivity import sensitivity
+from .sensitivity import records, sensitivity
 
 ROOT = Path(__file__).resolve().parents[3]
 VERDICTS = ("match", "differs", "undecided", "cannot be tested", "met", "missed")
@@ -104,11 +104,6 @@ def board(table: pd.DataFrame) -> dict[str, Any]:
         verdicts = {name: nos for name, nos in verdicts.items() if nos}
         kinds.append({"kind": kind, "count": len(some), "verdicts": verdicts})
     return {"board": rows, "questions": questions, "kinds": kinds}
-
-
-def records(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows of a table as dictionaries, with None in the place of NaN."""
-    return table.astype(object).where(table.notna(), None).to_dict("records")
 
 
 def protocol() -> dict[str, Any]:

@@ -14,7 +14,7 @@ from ..studies.answer import PAPER_MM
 from ..studies.pattern import holm
 
 POSES, CALIBRATIONS = 20, 30  # of a number that nothing was left out of
-COLUMNS = ["number", "unit", "claim", "as_assumed", "changed", "low", "high", "n"]
+SHOWN = ["number", "unit", "as_assumed", "changed", "low", "high", "n", "whole", "beyond_chance"]
 
 
 def sensitivity(table: pd.DataFrame) -> dict[str, Any]:
@@ -47,15 +47,19 @@ def sensitivity(table: pd.DataFrame) -> dict[str, Any]:
         "shown": len(some),
         "beyond_chance": int(some["beyond_chance"].sum()),
         "changes": [
-            {"assumption": assumption, "instead": instead, "rows": _rows(rows[rows["shown"]])}
+            {
+                "assumption": assumption,
+                "instead": instead,
+                "rows": records(rows.loc[rows["shown"], SHOWN]),
+            }
             for (assumption, instead), rows in table.groupby(["assumption", "instead"], sort=False)
         ],
     }
 
 
-def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
-    shown = table[[*COLUMNS, "whole", "beyond_chance"]].astype(object)
-    return shown.where(shown.notna(), None).to_dict("records")
+def records(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows of a table as dictionaries, with None instead of NaN."""
+    return table.astype(object).where(table.notna(), None).to_dict("records")
 
 
 def tested(table: pd.DataFrame) -> pd.Series:
