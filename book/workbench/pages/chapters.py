@@ -11,8 +11,8 @@ from ..sweep.notebook import glued, read_notebook
 
 
 def chapters(executed: Path, folder: Path) -> dict[str, Any]:
-    """What can be quoted, chapter by chapter: the values by the names that they are glued with, and what is
-    said of each figure that has a label. The figures are written into a folder.
+    """Results by chapter: values by the names that they are glued with, and the alternative text of each figure
+    that has a label. The figures are written into a folder.
 
     Where a lesson and its study have the same name, it is the lesson's.
     """

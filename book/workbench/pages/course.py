@@ -34,7 +34,7 @@ def course() -> dict[str, Any]:
 
 
 def chapter_numbers(chapter: str) -> dict[str, Any]:
-    """A chapter's page, how long one reads, and its exercises."""
+    """Page, reading time and exercises of a chapter."""
     path = chapter_file(chapter)
     exercises = [
         {
@@ -51,7 +51,7 @@ def chapter_numbers(chapter: str) -> dict[str, Any]:
 
 
 def reading_minutes(path: Path) -> int:
-    """How long a chapter takes to read, by its own card."""
+    """Minutes that a chapter takes to read, from its own card."""
     text = "\n".join(cell.source for cell in read_notebook(path).cells)
     match = re.search(r"\*\*Time:\*\* (\d+) minutes", text)
     if match is None:
@@ -60,14 +60,14 @@ def reading_minutes(path: Path) -> int:
 
 
 def objective(key: str, says: str) -> dict[str, Any]:
-    """An objective, and the exercises that serve it, the longest ones last."""
+    """An objective and the exercises that serve it, the longest ones last."""
     minutes = {number: one.minutes for number, one in planned().items() if key in one.objectives}
     serving = sorted(minutes, key=lambda number: (minutes[number], number))
     return {"key": key, "says": says, "exercises": serving, "minutes": sum(minutes.values())}
 
 
 def full_answer(path: Path, text: ExerciseText) -> str:
-    """What a full answer of a project has, by its solution."""
+    """Contents of a full answer to a project, from its solution."""
     found = re.search(r"^A full answer (?:has )?(.+)$", text.solution, re.MULTILINE)
     if found is None:
         raise ValueError(f"{path}: {text.number}: its solution has no full answer")
@@ -75,7 +75,7 @@ def full_answer(path: Path, text: ExerciseText) -> str:
 
 
 def levels(path: Path, one: Exercise, text: ExerciseText) -> list[tuple[str, str]]:
-    """The points of each level of an open design, and what is there."""
+    """Points and description of each level of an open design."""
     found = re.findall(r"^\| (\d) \| (.+) \|$", text.statement, re.MULTILINE)
     if not found or int(found[0][0]) != one.points:
         raise ValueError(f"{path}: {one.number}: its rubric has no level of all points")

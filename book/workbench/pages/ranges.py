@@ -64,8 +64,8 @@ def _interval(low: float, high: float) -> dict[str, float | None]:
 
 
 def decisive(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Assumptions that matter most: those that turn most verdicts round, then those that move a row of
-    the front most. Each has its choices and the effects on the rows that it moves most.
+    """Assumptions that matter most: those that reverse most verdicts, then those that move a row of the front
+    most. Each has its choices and its effects on the rows that it moves most.
     """
     effects: dict[str, list[dict[str, Any]]] = {}
     for one in found:

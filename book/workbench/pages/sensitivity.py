@@ -18,7 +18,7 @@ SHOWN = ["number", "unit", "as_assumed", "changed", "low", "high", "n", "whole",
 
 
 def sensitivity(table: pd.DataFrame) -> dict[str, Any]:
-    """The headline numbers as assumed, how far the position error moves, how many intervals were looked
+    """Headline numbers as assumed, the range of the position error, the number of intervals that were looked
     at, and the rows that each change of an assumption shows.
     """
     table = table.assign(
@@ -63,13 +63,13 @@ def records(table: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def tested(table: pd.DataFrame) -> pd.Series:
-    """Which rows have an interval that may leave out zero: something was drawn, and it changed."""
+    """Rows whose interval may leave out zero: something was drawn, and it changed."""
     return (table["high"] > table["low"]) & (table["difference"] != 0)
 
 
 def after_holm(table: pd.DataFrame) -> pd.Series:
-    """Which differences stay beyond chance if one corrects for how many intervals were looked at
-    (Holm, 5 %), an interval of 95 % being that of a normal distribution; what is not drawn stays.
+    """Differences that stay beyond chance after Holm's correction for all intervals (5 %), each interval of
+    95 % being that of a normal distribution; a difference without an interval stays.
     """
     drawn = tested(table)
     sigma = (table["high"] - table["low"])[drawn] / (2 * stats.norm.ppf(0.975))
@@ -80,8 +80,8 @@ def after_holm(table: pd.DataFrame) -> pd.Series:
 
 
 def is_shown(table: pd.DataFrame) -> pd.Series:
-    """Which differences are one: more than a hundredth, and their interval leaves out zero where
-    anything was drawn.
+    """Differences that are shown: more than a hundredth of the value, with an interval that leaves out zero
+    where anything was drawn.
     """
     large = table["difference"].abs() > 1e-2 * table["as_assumed"].abs()
     return large & (table["low"].isna() | (table["low"] > 0) | (table["high"] < 0))
