@@ -4,6 +4,7 @@ import json
 from types import SimpleNamespace
 
 import pytest
+from pages import ROOT
 from sphinx.errors import ExtensionError
 
 from workbench.pages import template
@@ -21,3 +22,8 @@ def test_a_page_has_its_numbers_and_a_notebook_is_no_template(tmp_path):
         assert source == [shown]
     with pytest.raises(ExtensionError, match=r"one\.md: 'nowhere' is undefined"):
         template.render_page(app, "book/one", ["{{ nowhere }}"])
+
+
+def test_every_page_finds_its_numbers(page):
+    for path in (ROOT / "book").rglob("*.md"):
+        assert page(path.relative_to(ROOT / "book").with_suffix("")), path
