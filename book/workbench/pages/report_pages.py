@@ -22,6 +22,7 @@ from trinolab.files.outputs import write_whole
 from ..cli import digits
 from ..studies import answer as cause
 from ..studies.pattern import holm
+from ..studies.protocol import load_claims
 from ..studies.scoreboard import essential_rows
 from . import ranges_pages
 from .claims_pages import (
@@ -64,12 +65,12 @@ NAMES = {
     "false_percent_cured": "bench taken for moving",
     "window_percent_calm": "image searched",
 }
-# How the rows of a question fare together -> how that is said.
+# Verdict of all rows of a question -> its heading.
 FARES = {
-    "match": "As the paper says, whatever it leaves open",
-    "differs": "Otherwise than the paper says, whatever it leaves open",
-    "mixed": "As it says in one form or part, and not in another",
-    "undecided": "Undecided, because what the paper leaves open decides it",
+    "match": "Confirmed, however the gaps are filled",
+    "differs": "Contradicted, however the gaps are filled",
+    "mixed": "Confirmed in part",
+    "undecided": "Undecided",
 }
 PAPER_MM = 0.31  # E_t as the paper has it
 POSES, CALIBRATIONS = 20, 30  # of a number that nothing was left out of
@@ -107,17 +108,18 @@ def write_pages(scoreboard: Path, seconds: Path, executed: Path, folder: Path) -
 
 
 def front(board: pd.DataFrame) -> str:
-    """The questions of the front by how they fare, as a list."""
+    """The answers of the front by how their claims fare, as a list."""
+    answers = {claim.question: claim.answer for claim in load_claims() if claim.answer}
     fares: dict[str, list[str]] = {verdict: [] for verdict in FARES}
     for question, rows in essential_rows(board).items():
         verdicts = set(rows["verdict"])
         group = verdicts.pop() if len(verdicts) == 1 else "mixed"
         links = ", ".join(claim_link(no) for no in rows["no"])
-        fares.setdefault(group, []).append(f"{escaped(question)} ({links})")
+        fares.setdefault(group, []).append(f"{escaped(answers[question])} ({links})")
     return "\n".join(
-        f"- **{FARES.get(group, group)}:** {' '.join(questions)}"
-        for group, questions in fares.items()
-        if questions
+        f"- **{FARES.get(group, group)}:** {' '.join(some)}"
+        for group, some in fares.items()
+        if some
     )
 
 
