@@ -67,9 +67,9 @@ NAMES = {
 }
 # Verdict of all rows of a question -> its heading.
 FARES = {
-    "match": "Confirmed, however the gaps are filled",
-    "differs": "Contradicted, however the gaps are filled",
-    "mixed": "Confirmed in part",
+    "match": "The paper is confirmed, however the gaps are filled",
+    "differs": "The paper is contradicted, however the gaps are filled",
+    "mixed": "The paper is confirmed in part",
     "undecided": "Undecided",
 }
 PAPER_MM = 0.31  # E_t as the paper has it
@@ -115,7 +115,7 @@ def front(board: pd.DataFrame) -> str:
         verdicts = set(rows["verdict"])
         group = verdicts.pop() if len(verdicts) == 1 else "mixed"
         links = ", ".join(claim_link(no) for no in rows["no"])
-        fares.setdefault(group, []).append(f"{escaped(answers[question])} ({links})")
+        fares.setdefault(group, []).append(f"{escaped(answers[question])} ({links}).")
     return "\n".join(
         f"- **{FARES.get(group, group)}:** {' '.join(some)}"
         for group, some in fares.items()
