@@ -240,8 +240,8 @@ def test_whether_cameras_are_good_enough():
     sizes = gallery("marker_size")
     px = {mm: mm * RIG.cameras[0].focal[0] / 570 for mm in (1.0, 3.0)}
     text = (
-        f"at {px[1.0]:.0f} px the best estimator finds simulated poses to {sizes[1.0]:.3f} mm, "
-        f"at {px[3.0]:.0f} px to {sizes[3.0]:.3f} mm"
+        f"the best estimator measures simulated poses with a mean error of {sizes[1.0]:.3f} mm at "
+        f"{px[1.0]:.0f} px and {sizes[3.0]:.3f} mm at {px[3.0]:.0f} px"
     )
     page_says("book/commands.md", text)
 
@@ -262,8 +262,8 @@ def test_what_refining_brings():
     low, high, _ = intervals.of_mean(after)
     page_says(
         "book/commands.md",
-        f"In 20 draws of such errors, {refined.INSTANTS} instants bring new poses of the paper's "
-        f"two cameras from {before.mean():.2f} mm to {after.mean():.3f} mm ({low:.3f} to "
+        f"{refined.INSTANTS} instants reduced the error of other poses, measured with the paper's "
+        f"two cameras, from {before.mean():.2f} mm to {after.mean():.3f} mm ({low:.3f} to "
         f"{high:.3f}, 95 %)",
     )
 

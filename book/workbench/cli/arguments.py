@@ -1,8 +1,8 @@
 """The arguments of the command ``trinolab``: a table of the commands, each with an example and its options.
 
-One grammar holds for all: what a command reads first, most often a recording, stands without an
-option's name, everything else has one. Forms that older versions took still work, and are not shown.
-A test runs each command's example.
+All commands have the same grammar: the main input, most often a recording, has no option name, and
+everything else has one. Forms of older versions still work and are not shown. A test runs each
+command's example.
 """
 
 from __future__ import annotations
@@ -68,36 +68,41 @@ def flag(name: str, about: str) -> Option:
 # options of several commands
 CHECK = flag(
     "--check",
-    "check the paper's poses against the pixels (--method paper); a handle that is followed is "
-    "always checked",
+    "check each pose of --method paper against the pixels; track, teleop and live always do so",
 )
 BITS = option(
     "--bits N",
-    "bits per pixel of cameras whose files have 16 (default: the fewest that hold their first images)",
+    "bits per pixel that the cameras really use, for 16-bit files (default: the fewest that the first images need)",
 )
-DEVICE_FPS = option("--fps F", "frames per second to ask of cameras, or to play videos with")
-REPLACED = "a recording folder; --rig and --handle replace its own files"
-FPS = option("--fps F", "frames per second (default: what the videos state, or else 30)")
+DEVICE_FPS = option(
+    "--fps F", "frame rate requested from the cameras, or at which videos are played"
+)
+REPLACED = "a recording folder, whose own rig and handle are overridden by --rig and --handle"
+FPS = option("--fps F", "frames per second (default: that of the videos, or else 30)")
 HANDLE = option(
     "--handle HANDLE.toml",
-    "the handle and its markers: a file, or a shipped one by its name, such as coded",
+    "the rod and its markers: a file, or the name of an included handle, such as coded",
 )
 METHOD = option(
     "--method METHOD",
-    f"the estimator: {', '.join(METHODS)} (default: %(default)s). paper is the paper's own, "
-    "best the same as patches",
+    f"the estimator: {', '.join(METHODS)} (default: %(default)s). paper is the paper's own; best means patches",
     default=DEFAULT,
 )
 OLDER = option("--recording", argparse.SUPPRESS, dest="older")
 RIG = option(
-    "--rig RIG.toml", "the cameras: a file, or a shipped rig by its name, such as raised_40deg"
+    "--rig RIG.toml",
+    "the cameras and their calibration: a file, or the name of an included rig, such as raised_40deg",
 )
-ROBOT = option("--robot ARM.xml", "a shipped arm, or a file (default: %(default)s)", default="ur5")
-SEED = option("--seed N", "of the random draws (default: %(default)s)", default=0)
-TIMESTAMPS = option("--timestamps CSV", "the times of the frames: columns 'frame' and 't_s' (s)")
+ROBOT = option(
+    "--robot ARM.xml", "an included arm, or a file (default: %(default)s)", default="ur5"
+)
+SEED = option("--seed N", "seed of the random draws (default: %(default)s)", default=0)
+TIMESTAMPS = option(
+    "--timestamps CSV", "times of the frames, with the columns 'frame' and 't_s' (s)"
+)
 VIDEO = several(
     "--video NAME=PATH",
-    "for each camera a video, or a folder of images (in the order of their names)",
+    "a video for each camera, or a folder of images in the order of their names",
 )
 
 # in the order in which they are used
@@ -112,18 +117,18 @@ COMMANDS = (
             HANDLE,
             option(
                 "--motion calm|hard|slow|POSES.csv",
-                "a script (slow is for refine), or poses along which a hand holds the handle",
+                "a scripted motion (slow is for refine), or poses through which a hand moves the handle",
             ),
             option(
                 "--out DIR",
-                "the recording to write; until it is whole it is DIR.partial, and goes on where it "
-                "stopped",
+                "the recording to write; until it is complete it is called DIR.partial, and a repeated command "
+                "continues it",
             ),
             SEED,
             option("--seconds S", "length (default: 10, or all of POSES.csv)"),
             option(
                 "--fps F",
-                "frames per second; the times of POSES.csv go before it (default: %(default)g)",
+                "frames per second; times in POSES.csv take precedence (default: %(default)g)",
                 default=30.0,
             ),
         ],
@@ -136,7 +141,7 @@ COMMANDS = (
         [
             option(
                 "folder RECORDING",
-                f"{REPLACED}; or a ROS 2 bag. Without one all of --rig, --handle and --video are needed",
+                f"{REPLACED}; or a ROS 2 bag. Without it, --rig, --handle and --video are required",
                 nargs="?",
             ),
             RIG,
@@ -144,10 +149,15 @@ COMMANDS = (
             VIDEO,
             option(
                 "--out POSES.csv",
-                "the poses to write, and POSES.tum",
+                "the poses to write; POSES.tum is written as well",
             ),
-            option("--start POSES.csv", "poses known at some frames, for handles that look alike"),
-            option("--overlay OUT.webm", "write a video of windows, markers and pose"),
+            option(
+                "--start POSES.csv",
+                "known poses at some frames, for handles that look the same in several poses",
+            ),
+            option(
+                "--overlay OUT.webm", "write a video that shows search windows, markers and pose"
+            ),
             [FPS, TIMESTAMPS],
             METHOD,
             BITS,
@@ -160,36 +170,34 @@ COMMANDS = (
         "compare poses with their truth (Eq. 26, 27, flips, losses)",
         "trinolab evaluate poses.csv recording/truth.csv --handle coded",
         [
-            option("poses POSES.csv", "the poses that track or measure has written"),
+            option("poses POSES.csv", "poses written by track or measure"),
             option(
                 "truth TRUTH.csv",
-                "the true poses, joined on 'frame'; refused where times or places show that the frames "
-                "are others",
+                "the true poses, joined on 'frame'; refused if times or positions show that these are other frames",
             ),
             option(
                 "--handle HANDLE.toml",
-                "a file, or a shipped one by its name; errors count up to its symmetry",
+                "a file, or the name of an included handle; errors are computed up to its symmetry",
             ),
         ],
         required="--handle",
     ),
     Command(
         "measure",
-        "measure the handle's pose in every instant of a recording, each by itself",
+        "measure the handle's pose at every instant of a recording, each by itself",
         "trinolab measure recording --out instants.csv",
         [
             option(
                 "folder RECORDING",
-                f"{REPLACED}. Without one all of --rig, --handle and --images are needed",
+                f"{REPLACED}. Without it, --rig, --handle and --images are required",
                 nargs="?",
             ),
             RIG,
             HANDLE,
             option(
                 "--images DIR",
-                "holds one folder per camera, named as in the rig, the same file names in each; a pose's "
-                "frame is the number in the name, where the names differ in their numbers alone, else "
-                "they count from 0",
+                "contains one folder per camera, named as in the rig, with the same file names in each. If the "
+                "names differ only in a number, it becomes the frame; otherwise frames count from 0",
             ),
             option("--out POSES.csv", "the poses to write"),
             METHOD,
@@ -197,27 +205,27 @@ COMMANDS = (
             CHECK,
             option(
                 "--prior POSES.csv",
-                "expected poses, joined on 'frame': they choose among poses that look alike",
+                "expected poses, joined on 'frame', which decide between poses that look the same",
             ),
         ],
         required="--out",
     ),
     Command(
         "kit",
-        "print a class kit at true scale: wraps for a rod, a ChArUco board, bars that check it",
+        "print a class kit at true scale: wraps for a rod, a ChArUco board, bars to check the scale",
         "trinolab kit --handle coded --diameter 20 --marker 6 --out kit.pdf",
         [
             option(
                 "--handle HANDLE.toml",
-                "the markers to print: a file, or a shipped handle by its name; the paper's layout, or "
-                "coded beside it, is printed as well",
+                "the markers to print: a file, or the name of an included handle; a second layout, the paper's or "
+                "coded, is printed as well",
             ),
-            option("--diameter MM", "of the rod (default: the handle's)"),
+            option("--diameter MM", "diameter of the rod (default: the handle's)"),
             option("--marker MM", "diameter of the markers (default: the handle's)"),
             option(
                 "--thickness MM",
-                "of the paper with its glue: one turn is pi (diameter + thickness) (default: %(default)s, "
-                "a sheet of 80 g/m2)",
+                "thickness of the paper with its glue; one turn is pi (diameter + thickness) long (default: "
+                "%(default)s, a sheet of 80 g/m2)",
                 default=0.1,
             ),
             option(
@@ -228,7 +236,7 @@ COMMANDS = (
             ),
             option(
                 "--out KIT.pdf",
-                "the pages; KIT_NAME.toml beside it is the handle file of each wrap",
+                "the pages to write; the handle file of each wrap is KIT_NAME.toml beside them",
             ),
         ],
         required="--handle --out",
@@ -243,20 +251,27 @@ COMMANDS = (
             ),
             several(
                 "--camera NAME=INDEX",
-                "a camera by its index at this computer; NAME=VIDEO plays a video in its place",
+                "a camera, by its index on this computer; NAME=VIDEO plays a video instead",
             ),
-            option("--out DIR", "the recording to write: images, timestamps.csv"),
+            option("--out DIR", "the recording to write: images and timestamps.csv"),
             [
                 option(
                     "--rig RIG.toml",
-                    "the cameras' names and sizes, a file or a shipped name; goes into the recording",
+                    "names and image sizes of the cameras: a file, or the name of an included rig; copied into the "
+                    "recording",
                 ),
-                option("--size WIDTH HEIGHT", "px, to ask of cameras without a rig"),
+                option(
+                    "--size WIDTH HEIGHT",
+                    "image size requested from the cameras, px, if there is no rig",
+                ),
             ],
-            option("--handle HANDLE.toml", "goes into the recording"),
-            option("--seconds S", "to record for (default: until Ctrl-C)"),
+            option("--handle HANDLE.toml", "a handle, copied into the recording"),
+            option("--seconds S", "length of the recording (default: until Ctrl-C)"),
             DEVICE_FPS,
-            flag("--preview", "keep preview.png in DIR.partial up to date: what the cameras see"),
+            flag(
+                "--preview",
+                "show what the cameras see in DIR.partial/preview.png, which is updated",
+            ),
         ],
     ),
     Command(
@@ -268,41 +283,42 @@ COMMANDS = (
             [
                 several(
                     "--images NAME=PATH",
-                    "for each camera a folder of images (paired by file name), a pattern like "
-                    "'photos/left*.png' (paired by what * stands for) or a video (paired by frame); the first "
-                    "camera is the world frame",
+                    "for each camera a folder of images (paired by file name), a pattern like 'photos/left*.png' "
+                    "(paired by what * stands for) or a video (paired by frame); the frame of the first camera is "
+                    "the world frame",
                 ),
                 option(
                     "--corners TABLE",
-                    "instead of images the points that another program has found of the target: caliscope's "
-                    "xy.csv, or Anipose's detections.pickle",
+                    "instead of images, points of the target detected by another program: caliscope's xy.csv, or "
+                    "Anipose's detections.pickle",
                 ),
             ],
             option(
                 "--size WIDTH HEIGHT",
-                "of the images of a table of points, px (default: what camera_array.toml or "
-                "calibration.toml beside it says)",
+                "image size for a table of points, px (default: from camera_array.toml or calibration.toml beside "
+                "it)",
             ),
             option(
                 "--board",
-                "the target, dark on light or light on dark; circles are a symmetric grid, acircles an "
-                "asymmetric one",
+                "the target, dark on light or light on dark; circles is a symmetric grid, acircles an asymmetric "
+                "one",
                 choices=["chessboard", "circles", "acircles", "charuco"],
             ),
             option(
                 "--columns N",
-                "points in a row: inner corners of a chessboard, circles, but squares of a charuco board",
+                "inner corners of a chessboard, circles, or squares of a charuco board, per row",
             ),
-            option("--rows N", "rows, counted in the same way"),
+            option("--rows N", "number of rows, counted in the same way"),
             option(
                 "--square MM",
-                "side of a square, or distance of neighbouring circles, mm; of acircles the distance of two "
-                "rows",
+                "side of a square, or distance between neighbouring circles (acircles: between rows), mm",
             ),
             option(
                 "--marker MM", "side of a charuco board's markers, mm (default: 0.75 of a square)"
             ),
-            option("--dictionary NAME", "of a charuco board's markers (default: 4X4_50)"),
+            option(
+                "--dictionary NAME", "dictionary of a charuco board's markers (default: 4X4_50)"
+            ),
             option(
                 "--first-marker N",
                 "number of a charuco board's first marker (default: %(default)s)",
@@ -310,25 +326,25 @@ COMMANDS = (
             ),
             option(
                 "--out RIG.toml",
-                "the rig to write; RIG.covariance.toml (how well it is known), RIG_views.csv and "
-                "RIG_residuals.png appear beside it",
+                "the rig to write; RIG.covariance.toml (its uncertainty), RIG_views.csv and RIG_residuals.png are "
+                "written beside it",
             ),
             option(
                 "--views N",
-                "the most views to look at; of more, some are passed over evenly (default: %(default)s)",
+                "largest number of views that are used; of more, an even selection (default: %(default)s)",
                 default=50,
             ),
             option(
                 "--distortions",
-                "how many of k1, k2, p1, p2, k3, k4, k5, k6 are estimated (default: as many as views that "
-                "are left out speak for)",
+                "number of coefficients k1, k2, p1, p2, k3, k4, k5, k6 to estimate (default: chosen by "
+                "cross-validation over the views)",
                 type=int,
                 choices=[0, 1, 2, 4, 5, 8],
             ),
             option(
                 "--lenses RIG.toml",
-                "a rig, or caliscope's camera_array.toml, whose cameras have the lenses: these are held, "
-                "and the places alone are estimated",
+                "a rig, or caliscope's camera_array.toml, whose lenses are kept, so that only the cameras' poses "
+                "are estimated",
             ),
             BITS,
         ],
@@ -336,12 +352,12 @@ COMMANDS = (
     ),
     Command(
         "preflight",
-        "judge a set-up by a recording: light, focus, exposure, time, baseline, calibration",
+        "assess a set-up from a recording: light, focus, exposure, timing, baseline, calibration",
         "trinolab preflight recording",
         [
             option(
                 "folder RECORDING",
-                f"{REPLACED}, and may be missing. Without one --video is needed",
+                f"{REPLACED}, and which may lack both. Without it, --video is required",
                 nargs="?",
             ),
             RIG,
@@ -349,24 +365,24 @@ COMMANDS = (
             VIDEO,
             [FPS, TIMESTAMPS],
             BITS,
-            option("--out TABLE.csv", "write the table as CSV, too"),
+            option("--out TABLE.csv", "also write the table as CSV"),
         ],
     ),
     Command(
         "run",
-        "calibrate, check, track and evaluate in a folder, from the first missing output on",
+        "calibrate, check, track and evaluate in one folder, beginning with the first missing output",
         "trinolab run recording",
         [
             option(
                 "folder FOLDER",
-                "a recording folder; what it lacks is in its project.toml. It gets rig.toml, preflight.csv, "
-                "poses.csv, poses.tum and seen.webm",
+                "a recording folder, completed by its project.toml; rig.toml, preflight.csv, poses.csv, poses.tum "
+                "and seen.webm are written into it",
             ),
         ],
         note="""
 
-a project.toml: options of preflight and track, and below [calibrate] those of
-calibrate; paths start in the folder; a rig may take the place of [calibrate]:
+project.toml contains options of preflight and track and, under [calibrate], those of
+calibrate; paths are relative to the folder; rig = ... may replace [calibrate]:
   handle = "coded"
   video = { ccd1 = "left.avi", ccd2 = "right.avi" }
   [calibrate]
@@ -378,12 +394,12 @@ calibrate; paths start in the folder; a rig may take the place of [calibrate]:
     ),
     Command(
         "refine",
-        "improve a rig and a handle file by a recording of the moving handle",
+        "improve a rig and a handle file with a recording of the moving handle",
         "trinolab refine slow --out refined",
         [
             option(
                 "folder RECORDING",
-                f"{REPLACED}. Without one all of --rig, --handle and --video are needed",
+                f"{REPLACED}. Without it, --rig, --handle and --video are required",
                 nargs="?",
             ),
             RIG,
@@ -391,24 +407,24 @@ calibrate; paths start in the folder; a rig may take the place of [calibrate]:
             VIDEO,
             option(
                 "--out DIR",
-                "folder to make: rig.toml, rig.covariance.toml, handle.toml, and views.csv with what was "
-                "left out; until it is whole, finished work is in DIR.partial, from where the same "
-                "command goes on",
+                "folder to write: rig.toml, rig.covariance.toml, handle.toml, and views.csv, which lists what was "
+                "left out; until it is complete, finished work is in DIR.partial, and a repeated command continues "
+                "it",
             ),
             option(
                 "--start POSES.csv",
-                "poses known at some frames; needed for handles that look alike",
+                "known poses at some frames, required for handles that look the same in several poses",
             ),
             option(
                 "--instants N",
-                "the most that are adjusted; of more, those that spread most (default: %(default)s)",
+                "largest number of instants that are adjusted; of more, the most widely spread (default: "
+                "%(default)s)",
                 default=300,
             ),
             option(
                 "--length A B MM",
-                "what holds the scale: the distance of two cameras, by their names, or of two markers, by "
-                "their numbers (default: the rig's covariance, else the distance of its first two "
-                "cameras)",
+                "distance that fixes the scale, between two cameras (by name) or two markers (by number) (default: "
+                "the rig's covariance, or else the distance between its first two cameras)",
             ),
             [FPS, TIMESTAMPS],
             BITS,
@@ -425,12 +441,12 @@ calibrate; paths start in the folder; a rig may take the place of [calibrate]:
                 OLDER,
                 flag(
                     "--live-simulation",
-                    "images of a moving hand, taken by the simulated bench as they are asked for",
+                    "images of a moving hand, rendered by the simulated bench on demand",
                 ),
                 flag(
                     "--task",
-                    "a task of 15 s on the simulated bench, with its own rig, clutch and scales: a block "
-                    "touched, a camera covered, a pose lost",
+                    "a task of 15 s on the simulated bench, with its own rig, clutch and scales, in which a block "
+                    "is touched, a camera covered and a pose lost",
                 ),
             ],
             RIG,
@@ -438,25 +454,33 @@ calibrate; paths start in the folder; a rig may take the place of [calibrate]:
             ROBOT,
             option(
                 "--start JOINT=RAD",
-                "where the arm starts, by its joints' names, rad; those that are not named as at home",
+                "initial angles of the named joints, rad; the others start at the home position",
                 nargs="+",
                 default=[],
             ),
             option(
                 "--view CAMERA.toml",
-                "the surveillance camera in the robot's base frame (default: a shipped one)",
+                "the surveillance camera in the robot's base frame (default: an included one)",
             ),
-            option("--out DIR", "folder to make: poses.csv, joints.csv, events.csv, monitor.webm"),
-            option("--scale RATIO", "tool : handle, distances (default: 1)", default=1.0),
-            option("--turn-scale RATIO", "tool : handle, angles (default: 1)", default=1.0),
+            option("--out DIR", "folder to write: poses.csv, joints.csv, events.csv, monitor.webm"),
+            option(
+                "--scale RATIO",
+                "tool's distances divided by the handle's (default: 1)",
+                default=1.0,
+            ),
+            option(
+                "--turn-scale RATIO",
+                "tool's angles divided by the handle's (default: 1)",
+                default=1.0,
+            ),
             option(
                 "--clutch CSV",
-                "columns t_s (s) and closed (0 or 1), which holds from then on, and if wanted scale; "
-                "without it the clutch is closed while the handle is measured",
+                "a table with the columns t_s (s), closed (0 or 1) and optionally scale, each valid until the next "
+                "row; without it, the clutch is closed whenever the handle is measured",
             ),
             option("--seconds S", "length of the simulation (default: %(default)g)", default=10.0),
             SEED,
-            flag("--no-video", "leave the monitor's video out"),
+            flag("--no-video", "write no video of the monitor"),
             METHOD,
             CHECK,
         ],
@@ -464,19 +488,19 @@ calibrate; paths start in the folder; a rig may take the place of [calibrate]:
     ),
     Command(
         "live",
-        "follow the handle live and let the simulated arm go along, on a page in the browser",
+        "follow the handle live with the simulated arm, on a page in the browser",
         "trinolab live --simulation",
         [
             [
-                option("folder RECORDING", "plays a recording folder", nargs="?"),
+                option("folder RECORDING", "a recording folder to play", nargs="?"),
                 OLDER,
                 several(
                     "--camera NAME=INDEX",
-                    "a camera by its index at this computer; NAME=VIDEO for all plays videos in their place",
+                    "a camera, by its index on this computer; NAME=VIDEO for all cameras plays videos instead",
                 ),
                 flag(
                     "--simulation",
-                    "the simulated bench; a hand moves the rod by itself, or the mouse does",
+                    "the simulated bench, on which a simulated hand or the mouse moves the rod",
                 ),
             ],
             RIG,
@@ -484,23 +508,22 @@ calibrate; paths start in the folder; a rig may take the place of [calibrate]:
             DEVICE_FPS,
             option(
                 "--out DIR",
-                "folder in which recordings get theirs (default: this one)",
+                "folder for recordings, each in a folder of its own (default: this one)",
                 default=".",
             ),
             option(
                 "--log FILE",
-                "log of the pointing task, which grows by each trial (default: pointing.csv in that "
-                "folder)",
+                "log of the pointing task, to which each trial is added (default: pointing.csv in that folder)",
             ),
             ROBOT,
             option(
                 "--host ADDRESS",
-                "where the page is; with another one than 127.0.0.1 other computers get in who know the "
-                "page's whole address, over a connection that is not encrypted",
+                "address of the page; if it is not 127.0.0.1, other computers that have the complete address can "
+                "open the page, over an unencrypted connection",
                 default="127.0.0.1",
             ),
-            option("--port N", "of the page (default: any that is free)", default=0),
-            flag("--no-browser", "print the page's address, and open nothing"),
+            option("--port N", "port of the page (default: any free one)", default=0),
+            flag("--no-browser", "only print the page's address"),
             METHOD,
             CHECK,
         ],
@@ -512,64 +535,64 @@ calibrate; paths start in the folder; a rig may take the place of [calibrate]:
         "trinolab bag recording --poses poses.csv --joints session/joints.csv --out bag",
         [
             option("folder RECORDING", "a recording folder with its rig and its handle"),
-            option("--poses POSES.csv", "the handle's poses, as track writes them"),
-            option("--joints JOINTS.csv", "the arm's motion, as teleop writes it (rad)"),
-            option("--out BAG", "the folder to make: metadata.yaml and an MCAP file"),
+            option("--poses POSES.csv", "poses of the handle, as written by track"),
+            option("--joints JOINTS.csv", "motion of the arm, as written by teleop (rad)"),
+            option("--out BAG", "the folder to write: metadata.yaml and an MCAP file"),
         ],
         required="--out",
     ),
     Command(
         "sweep",
-        "run a notebook with many settings of its parameters",
+        "run a notebook once for each combination of parameter values",
         "trinolab sweep notebooks/06_matching.ipynb -p ncc_threshold=0.5:0.9:5 \\\n"
         "      --workers 2 --out sweeps/ncc",
         [
             option(
                 "notebook NOTEBOOK",
-                "has a code cell tagged 'parameters'; what it glues is the result",
+                "a notebook with a code cell tagged 'parameters'; the numbers that it exports with glue are the "
+                "results",
             ),
             option(
                 "-p --parameter NAME=VALUES",
-                "a:b:n, n values from a to b; log:a:b:n, the same in equal ratios; a list like 0,1,2 "
-                "(TOML literals); @FILE.csv, one column per parameter and one row per run. Each is combined with "
-                "each",
+                "a:b:n, n values from a to b; log:a:b:n, n values in equal ratios; a list like 0,1,2 (TOML "
+                "literals); @FILE.csv, one column per parameter and one row per run. All values of several "
+                "parameters are combined",
                 action="append",
             ),
             option(
                 "--out DIR",
-                "folder for table.csv, figure.png, manifest.json and runs.jsonl, the finished runs: the "
-                "same command goes on where it was stopped",
+                "folder for table.csv, figure.png, manifest.json and the finished runs, runs.jsonl, which a "
+                "repeated command continues",
             ),
             option(
                 "--sample N",
-                "N runs instead of all, a Latin hypercube; then NAME=a:b and NAME=log:a:b are intervals",
+                "a Latin hypercube of N runs instead of all combinations; NAME=a:b and NAME=log:a:b are then "
+                "intervals",
             ),
-            option("--sample-seed N", "of that draw (default: %(default)s)", default=0),
+            option("--sample-seed N", "seed of that draw (default: %(default)s)", default=0),
             [
-                option("--workers N", "kernels at a time (default: one per core)"),
+                option("--workers N", "number of kernels at a time (default: one per core)"),
                 option(
                     "--scheduler ADDRESS",
-                    "of a Dask cluster that runs already, like tcp://host:8786: its workers run the notebooks",
+                    "address of a running Dask cluster whose workers run the notebooks, such as tcp://host:8786",
                 ),
             ],
             flag("--fresh-kernels", argparse.SUPPRESS),
             option(
                 "--timeout S",
-                "the longest time that a cell may take (default: as long as it takes; a first run may "
-                "render a recording)",
+                "time limit per cell (default: none, since a first run may render a recording)",
             ),
             flag(
                 "--whole",
-                "run all cells at each setting, in a fresh kernel; otherwise a cell tagged 'once' runs "
-                "once, one tagged 'figure' does not run, and two settings are compared with the whole "
-                "notebook",
+                "run all cells for each combination, in a fresh kernel; otherwise a cell tagged 'once' runs once, "
+                "one tagged 'figure' does not run, and two combinations are compared with the whole notebook",
             ),
             flag(
                 "--explain",
-                "say of each cell whether it runs once, at each setting, or not, and why; run nothing",
+                "say for each cell whether it runs once, for each combination, or not, and why; run nothing",
             ),
-            flag("--keep", "keep the executed notebooks, too; they are run whole"),
-            flag("--yes", "more than 100,000 runs are meant"),
+            flag("--keep", "also keep the executed notebooks, which are then run whole"),
+            flag("--yes", "allow more than 100,000 runs"),
         ],
         required="--parameter",
         note="\n\nexit status: 0 if every run is ok, 1 if one is not, 2 if nothing was run",
@@ -581,8 +604,8 @@ calibrate; paths start in the folder; a rig may take the place of [calibrate]:
         [
             option(
                 "folders RECORDING",
-                "recording folders instead of rendered images; then the tests are run that need no "
-                "truth: jitter if the handle rests, a pointer if it turns about one point, availability",
+                "recording folders instead of rendered images, for the tests that need no truth: jitter if the "
+                "handle rests, a pointer if it turns about one point, and availability",
                 nargs="*",
             ),
             option(
@@ -597,18 +620,19 @@ calibrate; paths start in the folder; a rig may take the place of [calibrate]:
             HANDLE,
             option(
                 "--out DIR",
-                "folder for index.html, numbers.csv, sheet.json and measured.jsonl, the finished parts: "
-                "the same command goes on where it was stopped",
+                "folder for index.html, numbers.csv, sheet.json and the finished parts, measured.jsonl, which a "
+                "repeated command continues",
             ),
             option(
                 "--poses N",
-                "of the static test; the other tests grow and shrink with it (default: %(default)s)",
+                "number of poses of the static test, to which the size of the other tests is proportional (default: "
+                "%(default)s)",
                 default=512,
             ),
             SEED,
             option(
                 "--chart CHART.csv",
-                "a control chart over the commits, to which this sheet is added",
+                "a control chart over commits, to which this sheet is added",
             ),
         ],
         required="--rig --handle --out",
@@ -621,47 +645,47 @@ calibrate; paths start in the folder; a rig may take the place of [calibrate]:
             option("chapter CHAPTER", "the chapter's number, as in 04", nargs="?"),
             option(
                 "file FILE",
-                "a notebook or a Python file with the answers (default: the one file here whose name "
-                "begins with the chapter's number)",
+                "a notebook or a Python file with the answers (default: the only file here whose name begins with "
+                "the chapter's number)",
                 nargs="?",
             ),
             option(
                 "--all DIR",
-                "the folder of a class: in it one folder per student with one file per chapter, such as "
-                "04_kalman.ipynb, or files as Canvas names them; what is checked already is not checked "
-                "again. Each file runs as a program: inside bwrap where that works, else with your rights",
+                "the folder of a class, with one folder per student and in it one file per chapter, such as "
+                "04_kalman.ipynb, or with files as named by Canvas; a file that has not changed is not checked "
+                "again. Each file runs as a program: inside bwrap where that works, otherwise with your rights",
                 dest="folder",
             ),
             option(
                 "--out FILE",
-                "the table to write: with --all, points and remarks, one row per student (default: "
-                "points.csv in the class's folder)",
+                "with --all, the table of points and remarks to write, one row per student (default: points.csv in "
+                "the class's folder)",
             ),
         ],
     ),
     Command(
         "scoreboard",
-        "print the paper's claims beside what is computed here",
+        "print the paper's claims with our results",
         "trinolab scoreboard --csv scoreboard.csv",
         [
-            option("--csv FILE", "write the table as CSV, too"),
-            flag("--essential", "print the fifteen lines of essential claims alone"),
+            option("--csv FILE", "also write the table as CSV"),
+            flag("--essential", "print only the fifteen lines of essential claims"),
         ],
     ),
     Command(
         "eq",
-        "say where an equation of the paper is: function, file and line, test, chapter",
+        "show where an equation of the paper is implemented, tested and derived",
         "trinolab eq 18",
         [
-            option("number NUMBER", "1 to 27; without one, all of them", type=int, nargs="?"),
+            option("number NUMBER", "1 to 27 (default: all)", type=int, nargs="?"),
         ],
     ),
     Command(
         "clear",
-        "remove the standard recordings that chapters keep in the user's cache",
+        "remove the recordings that chapters keep in the user's cache",
         "trinolab clear",
         [
-            flag("--yes", "remove them without showing them and asking first"),
+            flag("--yes", "remove them without listing them and asking first"),
         ],
     ),
 )
@@ -709,7 +733,7 @@ def parser() -> argparse.ArgumentParser:
     top = _Parser(
         prog="trinolab",
         description="The three-camera master handle: measure, evaluate, compare with the paper.",
-        epilog="trinolab COMMAND --help says more and has an example.",
+        epilog="trinolab COMMAND --help gives details and an example.",
     )
     top.add_argument("--version", action="version", version=f"trinolab {__version__}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")

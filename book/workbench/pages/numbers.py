@@ -82,12 +82,14 @@ def board(table: pd.DataFrame) -> dict[str, Any]:
     verdict.
     """
     rows = {row["no"]: row for row in records(table)}
+    answers = {one.question: one.answer for one in load_claims() if one.answer}
     questions = []
     for question, some in essential_rows(table).items():
         verdicts = set(some["verdict"])
         questions.append(
             {
                 "question": question,
+                "answer": answers[str(question)],
                 "verdict": verdicts.pop() if len(verdicts) == 1 else "mixed",
                 "rows": [rows[no] for no in some["no"]],
             }

@@ -19,13 +19,13 @@ from .pattern import smooth_share
 LEVEL = 0.05
 PAPER_MM = 0.31  # Sect. 6.5
 A_THIRD = (0.2, 0.4)  # what "about a third" may be
-# Words in the names of models that say that something was set wrongly. All other models err by
-# images and cameras alone.
+# Words in the names of models in which something was set wrongly. In all other models the errors
+# come from images and cameras alone.
 SET_WRONGLY = ("set", "reference", "misaligned", "clamped")
 
 
 class Facts(NamedTuple):
-    """What the sentences stand on.
+    """Values on which the sentences rest.
 
     Attributes
     ----------
@@ -36,23 +36,23 @@ class Facts(NamedTuple):
     isotropic_p : float
         Of Mauchly's test that these are equal.
     by_points, by_rods : isotropy.Bound
-        The share of the mean square that errors of the images make, of any size: with the covariance
-        of a triangulated point, and of a pose of the rod by least squares.
+        The share of the mean square for which errors of the images account, of any size: with the
+        covariance of a triangulated point, and of a pose of the rod by least squares.
     assumed_share : float
-        Of the mean square after the registration that errors of the assumed sizes make: images,
-        calibration, platform, digits.
+        Of the mean square after the registration, for which errors of the assumed sizes account:
+        images, calibration, platform, digits.
     smooth_p : float
         Share of tables with independent errors whose smooth share is at most the table's.
     constant_share : float
-        Of the mean square of the angle errors that a constant of each angle makes.
+        Of the mean square of the angle errors, for which a constant of each angle accounts.
     offsets_deg : tuple of float
         These constants.
     models : int
-        That were compared with the pattern.
+        Number of models that were compared with the pattern.
     left : tuple of str
-        Those of them that no statistic refuses.
+        Those of them that no statistic rejects.
     by_cameras : dict
-        The models that err by images and cameras alone: their least corrected p of an offset.
+        Least corrected p of an offset, for the models whose errors come from images and cameras alone.
     """
 
     E_t_mm: float
@@ -70,7 +70,7 @@ class Facts(NamedTuple):
 
 
 def facts(draws: int = 4000, seed: int = 0) -> Facts:
-    """What the sentences stand on; `draws` tables of independent errors, from `seed`."""
+    """Values on which the sentences rest, with `draws` tables of independent errors, from `seed`."""
     table = load_table1()
     errors = exact([table.measured], table.set_poses)
     places, angles = errors.position_mm[0], errors.angles_deg[0]
@@ -106,24 +106,24 @@ def facts(draws: int = 4000, seed: int = 0) -> Facts:
 
 
 def checked(found: Facts) -> Facts:
-    """The facts, if they carry the sentences.
+    """The facts, if they support the sentences.
 
     Raises
     ------
     ValueError
-        Names the part of a sentence that they do not.
+        Names the part of a sentence that they do not support.
     """
     refused = min(found.by_points.refused, found.by_rods.refused)
     most = (found.by_rods.at_most, found.by_points.at_most)
     parts = {
-        "the mean of the printed table": abs(found.E_t_mm - PAPER_MM) <= 0.005,
-        "a new random offset in each pose": LEVEL / 2 < found.smooth_p < 1 - LEVEL / 2,
-        "equal in all directions": found.isotropic_p > LEVEL,
-        "not the whole": refused > 20.0,
-        "about a third at most": A_THIRD[0] < min(most) and max(most) < A_THIRD[1],
+        "the mean position error of the printed table": abs(found.E_t_mm - PAPER_MM) <= 0.005,
+        "independent from pose to pose": LEVEL / 2 < found.smooth_p < 1 - LEVEL / 2,
+        "in each direction": found.isotropic_p > LEVEL,
+        "would look different": refused > 20.0,
+        "at most about a third": A_THIRD[0] < min(most) and max(most) < A_THIRD[1],
         "the sizes that we assume": found.assumed_share < min(most),
-        "nearly the same amount in all poses": found.constant_share > 0.5,
-        "twenty rows cannot tell": len(found.left) != 1,
+        "nearly the same error in all poses": found.constant_share > 0.5,
+        "too few to tell": len(found.left) != 1,
     }
     for part, holds in parts.items():
         if not holds:
@@ -132,19 +132,21 @@ def checked(found: Facts) -> Facts:
 
 
 def sentences(found: Facts | None = None) -> tuple[str, ...]:
-    """The answer, no stronger than the facts; those of the shipped tables without any."""
+    """The answer, no stronger than the facts; by default those of the shipped tables."""
     f = checked(found or facts())
     least, most = sorted(100 * bound.at_most for bound in (f.by_rods, f.by_points))
     low, high = min(f.offsets_deg), max(f.offsets_deg)
     return (
-        f"The {PAPER_MM} mm is the mean of the printed table, and in that sense right.",
-        f"The position errors look like a new random offset of {np.mean(f.scatter_mm):.1f} mm in each "
-        "pose, equal in all directions; two cameras err far more in depth, so that errors of the "
-        f"images, of any size, make at most about a third of the mean square ({least:.0f} to "
-        f"{most:.0f} %), and {100 * f.assumed_share:.0f} % by the sizes that we assume.",
-        f"Each angle is wrong by nearly the same {low:.1f}° to {high:.1f}° in all poses, as it would be "
-        "if a scale had a wrong zero.",
-        "Which part of the set-up did this, twenty rows cannot tell.",
+        f"The {PAPER_MM} mm is indeed the mean position error of the printed table, whose errors look "
+        f"random: independent from pose to pose, with a standard deviation of {np.mean(f.scatter_mm):.1f} mm in "
+        "each direction.",
+        "Errors of two cameras' images would look different, since they act mainly along the depth. "
+        "Whatever their size, they account for at most about a third of the mean square "
+        f"({least:.0f} to {most:.0f} %); with the sizes that we assume, all known sources account for "
+        f"{100 * f.assumed_share:.0f} %.",
+        f"Each angle has nearly the same error in all poses, {low:.1f}° to {high:.1f}°, as if its scale "
+        "were read from a wrong zero.",
+        "Twenty poses are too few to tell which part of the set-up caused these errors.",
     )
 
 

@@ -23,7 +23,7 @@ KINDS = (
     "replication as corrected",
     "ours beyond",
 )
-NOT_FROZEN = ("question", "verdict", "reason")
+NOT_FROZEN = ("question", "answer", "verdict", "reason")
 
 
 class Trial(NamedTuple):
@@ -57,6 +57,7 @@ class Claim:
     trial: str | None = None
     statistic: str | None = None
     question: str | None = None
+    answer: str | None = None
 
     @property
     def is_ours(self) -> bool:

@@ -242,7 +242,7 @@ def _on_second(rig: str, unit: str) -> Result:
     )
 
 
-def _honesty_on_second(estimator: str) -> Result:
+def _sigma_factor_on_second(estimator: str) -> Result:
     """See `second_renderer.largest_sigma_factor`."""
     return Result(*second_renderer.largest_sigma_factor(load_sweep("second_renderer"), estimator))
 
@@ -263,8 +263,8 @@ CHECKS: dict[str, Callable[[], Result | float | None]] = {  # None: not run
     "seconds_an_instant": seconds_an_instant,
     **{f"second_position_{rig}": partial(_on_second, rig, "mm") for rig in RIGS},
     **{f"second_geodesic_{rig}": partial(_on_second, rig, "deg") for rig in RIGS},
-    "second_honesty_best": partial(_honesty_on_second, BEST),
-    "second_honesty_checked": partial(_honesty_on_second, CHECKED),
+    "second_sigma_best": partial(_sigma_factor_on_second, BEST),
+    "second_sigma_checked": partial(_sigma_factor_on_second, CHECKED),
     "broken_false_poses": _false_when_broken,
     "real_photographs": real_recordings.baseline_difference_mm,
     "real_leds": real_recordings.led_median_px,

@@ -50,14 +50,14 @@ def test_models_that_err_by_cameras_alone_are_all_refused():
 @pytest.mark.parametrize(
     ("change", "part"),
     [
-        ({"E_t_mm": 0.4}, "the mean of the printed table"),
-        ({"smooth_p": 0.999}, "a new random offset in each pose"),
-        ({"isotropic_p": 0.01}, "equal in all directions"),
-        ({"by_rods": FACTS.by_rods._replace(refused=3.0)}, "not the whole"),
-        ({"by_points": FACTS.by_points._replace(at_most=0.6)}, "about a third at most"),
+        ({"E_t_mm": 0.4}, "the mean position error of the printed table"),
+        ({"smooth_p": 0.999}, "independent from pose to pose"),
+        ({"isotropic_p": 0.01}, "in each direction"),
+        ({"by_rods": FACTS.by_rods._replace(refused=3.0)}, "would look different"),
+        ({"by_points": FACTS.by_points._replace(at_most=0.6)}, "at most about a third"),
         ({"assumed_share": 0.6}, "the sizes that we assume"),
-        ({"constant_share": 0.3}, "nearly the same amount in all poses"),
-        ({"left": ("clamped anew",)}, "twenty rows cannot tell"),
+        ({"constant_share": 0.3}, "nearly the same error in all poses"),
+        ({"left": ("clamped anew",)}, "too few to tell"),
     ],
 )
 def test_a_part_that_does_not_hold_stops_the_build(change, part):
