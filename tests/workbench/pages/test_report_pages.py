@@ -85,10 +85,10 @@ def test_the_conclusion_names_what_reaches_the_papers_number(page):
     table = pd.DataFrame([row(changed=0.2), row(assumption="A4", changed=0.6)])
     text = page("report", sensitivity=sensitivity.sensitivity(table))
     assert "between 0.2 and 0.6 mm" in text
-    assert "Only [A4](assumptions.md#a4) (0.6 mm) takes it to" in text
+    assert "Only [A4](assumptions.md#a4) (0.6 mm) brings it to" in text
     # data/sweeps/budget.csv, R_rl as printed after a registration by 20 poses
-    assert "of A4 a registration by Table 1's poses leaves 0.079 mm" in text
-    assert "None takes it to" in page("report", sensitivity=sensitivity.sensitivity(table[:1]))
+    assert "after a registration by Table 1's poses, the effect of A4 is 0.079 mm" in text
+    assert "None brings it to" in page("report", sensitivity=sensitivity.sensitivity(table[:1]))
 
 
 def test_what_is_beyond_chance_is_marked(page):
@@ -105,7 +105,12 @@ def test_what_is_beyond_chance_is_marked(page):
     assert sensitivity.tested(table).tolist() == [True, True, True, False, False]
     assert sensitivity.after_holm(table).tolist() == [True, False, False, True, True]
     text = page("report", sensitivity=sensitivity.sensitivity(table))
-    for said in ("In all 4 intervals", "Of these 3 have", "3 are shown", "correction 1 stay"):
+    for said in (
+        "examined 4 intervals",
+        "changed in 3 of them",
+        "3 are shown",
+        "correction 1 remain",
+    ):
         assert said in text
     changes = text.partition(":class: sensitivity")[2].partition("````")[0]
     assert changes.count(" ?") == 2
