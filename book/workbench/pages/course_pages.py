@@ -19,10 +19,6 @@ from ..course.texts import ExerciseText
 from ..sweep.notebook import read_notebook
 from .claims_pages import escaped, list_table
 
-WORDS_A_MINUTE = 130  # of a text with formulas
-LINES_A_MINUTE = 12  # of code: five seconds per line
-FOLDED = {"hide-input", "hide-cell", "remove-input", "remove-cell"}
-
 
 def write_pages(folder: Path) -> None:
     """Write all parts, from the chapters and from the modules of exercises."""
@@ -58,26 +54,6 @@ def chapters_table() -> str:
     rows.append(("together", str(minutes), str(number), str(points)))
     head = ("chapter", "minutes to read", "exercises", "points")
     return list_table(head, rows, "55 15 15 15", "chapters", raw=True)
-
-
-def measured_minutes(path: Path) -> float:
-    """How long a lesson takes to read, by its words and lines of code up to its exercises.
-
-    A page of text with formulas is read at `WORDS_A_MINUTE`, and code that is not folded at
-    `LINES_A_MINUTE`.
-    """
-    words, lines = 0, 0
-    for cell in read_notebook(path).cells:
-        if cell.cell_type == "markdown":
-            text, exercises, _ = cell.source.partition("## Exercises")
-            words += len(
-                re.sub(r"^(```+|:::+)\{dropdown\}.*?^\1$", "", text, flags=re.M | re.S).split()
-            )
-            if exercises:
-                break
-        elif not FOLDED & set(cell.metadata.get("tags", [])):
-            lines += sum(bool(line.strip()) for line in cell.source.splitlines())
-    return words / WORDS_A_MINUTE + lines / LINES_A_MINUTE
 
 
 def reading_minutes(path: Path) -> int:
