@@ -58,14 +58,6 @@ def table_of_draws(name: str, draws: Sequence[Draw]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(DRAWS))
 
 
-def draws_of(table: pd.DataFrame, name: str) -> list[Draw]:
-    """The draws of a trial from a table as `table_of_draws` gives it."""
-    draws: dict[int, Draw] = {}
-    for row in table[table["trial"] == name].itertuples():
-        draws.setdefault(int(row.k), {})[str(row.check)] = (float(row.a), float(row.b))
-    return [draws[k] for k in sorted(draws)]
-
-
 def _with_rows(table: pd.DataFrame | None, name: str, rows: pd.DataFrame) -> pd.DataFrame:
     """The table with these rows of a trial, in the place of those that it has."""
     return rows if table is None else pd.concat([table[table["trial"] != name], rows])

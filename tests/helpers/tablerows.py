@@ -8,7 +8,7 @@ from trinolab.datasets import load_sweep
 
 GALLERY = "gallery"
 SCRIPTS = (
-    *("bound", "calibration_error", "elevation", "factors", "fitts", "webcams"),
+    *("bound", "calibration_error", "elevation", "factors", "fitts", "stress", "webcams"),
     GALLERY,
 )
 

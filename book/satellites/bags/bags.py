@@ -52,7 +52,7 @@ from trinolab.files.recording import Recording, instants, open_folder
 from trinolab.files.rigs import handle_text, read_handle, read_rig
 from trinolab.handle import Handle
 
-from .reader import opened
+from .reader import METADATA, opened
 
 log = logging.getLogger("trinolab")
 
@@ -148,7 +148,7 @@ def write_bag(
 def is_bag(path: str | Path) -> bool:
     """Whether something is a bag: an MCAP file, or a folder with ``metadata.yaml``."""
     path = Path(path)
-    return (path.suffix == ".mcap" and path.is_file()) or (path / "metadata.yaml").is_file()
+    return (path.suffix == ".mcap" and path.is_file()) or (path / METADATA).is_file()
 
 
 def track_recording(

@@ -12,6 +12,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -275,6 +276,7 @@ def _random(shooting: Shooting, number: int, camera: int) -> np.random.Generator
     return np.random.default_rng([SEED, 10 + shooting.number, number, camera])
 
 
+@cache
 def recordings() -> dict[str, Shooting]:
     """All of the recipe, by the names of their folders."""
     return {

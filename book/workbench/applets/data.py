@@ -210,11 +210,19 @@ def threshold(difference_threshold: float) -> dict[str, Any]:
     return {"rounds": rounds}
 
 
+def pointing() -> dict[str, Any]:
+    """The targets of the pointing task, and how its log is written and judged."""
+    from ..teleop.pointing import COLUMNS, SPREAD, conditions
+
+    return {"targets": conditions(repeats=1).tolist(), "columns": COLUMNS, "spread": SPREAD}
+
+
 # what an applet of that name is given as its `data`; the arguments are parameters of the chapter
 DATA: dict[str, Callable[..., dict[str, Any]]] = {
     "depth": depth,
     "epipolar": epipolar,
     "nextplace": nextplace,
     "pairs": pairs,
+    "pointing": pointing,
     "threshold": threshold,
 }

@@ -3,16 +3,14 @@
 (() => {
   const {element, draw, path, dots, write, axes, button, page, range, signed, table} = trinolabApplets.shared;
   const MM_PX = 25.4 / 96;  // of the page's pixels, as style sheets count them
-  const DISTANCES_MM = [40, 80, 160];
-  const WIDTHS_MM = [5, 10, 20];
-  const SPREAD = 4.133;  // standard deviations that hold 96 % of a normal distribution
-  const COLUMNS = ['task', 'operator', 'scale', 'delay_s', 'distance_mm', 'width_mm', 'start_s', 'end_s', 'error_mm', 'moves'];
   const WHOLE = ['task', 'moves'];
   const TAP_MS = 250;  // a shorter press that goes no further than this says that the tool is there
   const TAP_PX = 4;
   const TRACK = {low: -15, high: 185};  // mm, of the picture
   // What a hand does by itself, for who looks on: it takes the tool so far, in strokes that are no longer than it can reach.
   const DEMO = {target: 120, width: 10, reach: 60, forth: 0.9, back: 0.7, seconds: 8, each: 0.02};  // mm, s
+
+  let rule = null;  // targets, columns of the log and the spread of the effective width, of workbench.teleop.pointing
 
   const mean = values => values.reduce((sum, value) => sum + value, 0) / values.length;
 
@@ -54,11 +52,8 @@
     });
   }
 
-  // Distance and width of each trial, mm: every pair of them, so many times.
-  function conditions(repeats) {
-    const pairs = DISTANCES_MM.flatMap(distance => WIDTHS_MM.map(width => [distance, width]));
-    return pairs.flatMap(pair => Array.from({length: repeats}, () => pair));
-  }
+  // Distance and width of each trial, mm: every target, so many times.
+  const conditions = repeats => rule.targets.flatMap(target => Array.from({length: repeats}, () => target));
 
   // Index of difficulty, bit.
   const difficulty = (distance, width) => Math.log2(distance / width + 1);
@@ -81,7 +76,7 @@
     const middle = mean(ends);
     const deviation = Math.sqrt(ends.reduce((sum, end) => sum + (end - middle) ** 2, 0) / (ends.length - 1));
     const distance = mean(trials.map(row => row.distance_mm + row.error_mm));
-    return difficulty(Math.max(distance, 0), SPREAD * deviation) / mean(trials.map(timeOf));
+    return difficulty(Math.max(distance, 0), rule.spread * deviation) / mean(trials.map(timeOf));
   }
 
   // Throughput, movement time and misses of a log.
@@ -110,14 +105,15 @@
       if (name === 'operator') return quoted(row.operator);
       return WHOLE.includes(name) ? String(row[name]) : row[name].toFixed(6);
     };
-    return [COLUMNS, ...log.map(row => COLUMNS.map(name => cell(row, name)))].map(row => `${row.join(',')}\n`).join('');
+    return [rule.columns, ...log.map(row => rule.columns.map(name => cell(row, name)))].map(row => `${row.join(',')}\n`).join('');
   }
 
   // The log as the file has it: a download, and what is computed from it, has no more digits than six.
   const sixDigits = value => (typeof value === 'number' ? Number(value.toFixed(6)) : value);
-  const rounded = row => Object.fromEntries(COLUMNS.map(name => [name, sixDigits(row[name])]));
+  const rounded = row => Object.fromEntries(rule.columns.map(name => [name, sixDigits(row[name])]));
 
-  function start(box, parameters) {
+  function start(box, parameters, data) {
+    rule = data;
     const runs = [];  // {settings, log, found}
     let run = null;  // the one that goes on: {settings, trials, log}
     let trial = null;  // {start, moves}
@@ -397,9 +393,9 @@
       const about = {class: 'applet-download', href: file, download: `pointing-${runs.length}.csv`};
       const link = element('a', about, `Download the log of run ${runs.length} (CSV)`);
       const isMeasured = name => name !== 'operator' && !WHOLE.includes(name);
-      const cells = log.map(row => COLUMNS.map(name => (isMeasured(name) ? row[name].toFixed(3) : row[name])));
+      const cells = log.map(row => rule.columns.map(name => (isMeasured(name) ? row[name].toFixed(3) : row[name])));
       const summary = element('summary', {}, `The log of run ${runs.length}`);
-      const details = element('details', {}, summary, table(COLUMNS, cells, 'The log of the last run'));
+      const details = element('details', {}, summary, table(rule.columns, cells, 'The log of the last run'));
       const heads = ['run', 'scale', 'added delay / ms', 'trials', 'throughput / bit/s', 'time / s', 'beside the target / %'];
       results.replaceChildren(table(heads, rows, 'The runs on this page'), link, details);
     }

@@ -63,11 +63,6 @@ def path_of(name: str, folder: Path = CACHE) -> Path:
     return folder / PIECES[name].file
 
 
-def is_fetched(folder: Path = CACHE) -> bool:
-    """Return whether every piece is there; their sums were compared when they came."""
-    return all(path_of(name, folder).is_file() for name in PIECES)
-
-
 def fetch(folder: Path = CACHE) -> None:
     """Fetch what is not there yet.
 

@@ -1,22 +1,16 @@
-"""Pictures of what moves: a pixel's history, shares of false and missed pixels over time, where
-they are.
-"""
+"""Pictures of what moves: a pixel's history, and shares of false and missed pixels over time."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
 import numpy as np
-from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 from numpy.typing import ArrayLike
 
 from trinolab.checks import as_array
 
 from .basics import COLOURS, row_of_panels, subplots
-
-VERDICTS = {"background": "white", "found": "silver", "false": "#D55E00", "missed": "#0072B2"}
 
 
 def plot_pixel_histories(
@@ -87,30 +81,4 @@ def plot_shares(
     figure.legend(
         *axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=len(COLOURS)
     )
-    return figure
-
-
-def plot_verdicts(masks: Mapping[str, ArrayLike], inside: ArrayLike, outside: ArrayLike) -> Figure:
-    """Show which pixels count as moving, and which of them rightly, in panels side by side.
-
-    Parameters
-    ----------
-    masks : mapping of str to array_like of bool, shape (height, width)
-        Detections by their titles.
-    inside, outside : array_like of bool, shape (height, width)
-        Pixels that truly moved, and that truly did not. What is neither is never false or missed.
-    """
-    moved, still = (np.asarray(part, dtype=bool) for part in (inside, outside))
-    figure, axes = row_of_panels(len(masks), (6.9, 2.6), sharey=True)
-    colours = ListedColormap(list(VERDICTS.values()))
-    for ax, (title, mask) in zip(axes, masks.items(), strict=True):
-        moving = np.asarray(mask, dtype=bool)
-        kind = 1 * moving + 1 * (moving & still) + 3 * (~moving & moved)
-        ax.imshow(kind, cmap=colours, vmin=0, vmax=3, interpolation="nearest")
-        ax.set(title=title, xlabel="$u$ / px")
-    axes[0].set_ylabel("$v$ / px")
-    patches = [
-        Patch(facecolor=colour, edgecolor="black", label=name) for name, colour in VERDICTS.items()
-    ]
-    figure.legend(handles=patches, ncols=len(patches), loc="outside lower center")
     return figure

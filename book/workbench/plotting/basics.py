@@ -128,9 +128,7 @@ def show_frames(
     return figure
 
 
-def mark_window(
-    ax: Axes, window: Window, label: str = "", colour: str = COLOURS[1], style: str = "-"
-) -> None:
+def mark_window(ax: Axes, window: Window, label: str = "", colour: str = COLOURS[1]) -> None:
     """Draw a window into an image's axes, around all of its pixels."""
     ax.add_patch(
         Rectangle(
@@ -139,7 +137,6 @@ def mark_window(
             window.height,
             fill=False,
             edgecolor=colour,
-            linestyle=style,
             linewidth=1.5,
             label=label,
         )

@@ -21,29 +21,6 @@ from .basics import COLOURS, mark_window, show_image, subplots
 MARGIN_PX = 40  # of the image around the search window
 
 
-def plot_normals(normals: Mapping[str, tuple[float, float]], xlabel: str) -> Axes:
-    """Densities of normal distributions over one number.
-
-    Parameters
-    ----------
-    normals : mapping of str to (float, float)
-        Name -> mean and variance.
-    xlabel : str
-    """
-    means, variances = np.array(list(normals.values())).T
-    reach = 3.5 * np.sqrt(variances)
-    x = np.linspace((means - reach).min(), (means + reach).max(), 400)
-    _, ax = subplots(figsize=(6.5, 3.0))
-    styles = zip(normals.items(), COLOURS, ("-", "--", "-."), strict=False)
-    for (name, (mean, variance)), colour, style in styles:
-        density = np.exp(-((x - mean) ** 2) / (2 * variance)) / np.sqrt(2 * np.pi * variance)
-        ax.plot(x, density, style, color=colour, linewidth=2, label=name)
-        ax.axvline(mean, color=colour, linewidth=0.8)
-    ax.set(xlabel=xlabel, ylabel="probability density", ylim=(0, None))
-    ax.legend()
-    return ax
-
-
 def plot_beliefs(
     beliefs: Mapping[str, tuple[ArrayLike, ArrayLike]], xlabel: str, ylabel: str
 ) -> Axes:

@@ -1,4 +1,4 @@
-"""Figures of markers: the contours at every threshold, a marker on its rod, biases of centroids."""
+"""Figures of markers: the contours at every threshold, and a marker on its rod."""
 
 from __future__ import annotations
 
@@ -112,20 +112,4 @@ def plot_rod_section(
     ax.set(aspect="equal", xlim=(-1.8 * radius_mm, 1.3 * radius_mm))
     ax.axis("off")
     figure.legend(loc="outside right center")
-    return ax
-
-
-def plot_over_slant(
-    dots: Mapping[str, tuple[ArrayLike, ArrayLike]], line: tuple[ArrayLike, ArrayLike], named: str
-) -> Axes:
-    """Distances of centroids from their centres (px, logarithmic) over the slant (deg): dots by
-    name, and one line.
-    """
-    _, ax = subplots(figsize=(6.9, 3.6))
-    for (name, (slant, error)), symbol, colour in zip(dots.items(), "ox", COLOURS, strict=False):
-        ax.semilogy(slant, error, symbol, color=colour, markersize=3, label=name)
-    ax.plot(*line, color=COLOURS[2], label=named)
-    ax.set(xlabel="slant / deg", ylabel="centroid beside the centre / px")
-    ax.yaxis.set(major_formatter="{x:g}")
-    ax.legend(fontsize=9)
     return ax

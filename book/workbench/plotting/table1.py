@@ -157,48 +157,6 @@ def plot_refused(table: pd.DataFrame, names: Mapping[str, str], level: float) ->
     return ax
 
 
-def plot_over_beta(
-    beta_deg: ArrayLike, panels: Mapping[str, Mapping[str, ArrayLike]], styles: Sequence[str]
-) -> Figure:
-    """Angle errors over the distance from the gimbal lock, on logarithmic axes that all panels
-    share.
-
-    Parameters
-    ----------
-    beta_deg : array_like, shape (n,)
-    panels : mapping
-        From a panel's title to its series (n,) > 0, a mapping from their names.
-    styles : sequence of str
-        Of the series, matplotlib's.
-    """
-    figure, row = row_of_panels(len(panels), (COLUMN_IN, 3.1), sharey=True)
-    for ax, (title, series) in zip(row, panels.items(), strict=True):
-        for (name, y), colour, style in zip(series.items(), COLOURS, styles, strict=False):
-            ax.semilogy(beta_deg, y, style, color=colour, label=name, markersize=6, mew=1.5)
-        ax.set(title=title, xlabel=r"$|\beta|$ / deg")
-        ax.grid(axis="y", alpha=0.3)
-    row[0].set_ylabel("error / deg")
-    row[0].yaxis.set(major_formatter="{x:g}", minor_formatter="")
-    figure.legend(*row[0].get_legend_handles_labels(), loc="outside upper center", ncols=3)
-    return figure
-
-
-def plot_null(
-    draws: Mapping[str, ArrayLike], observed: float, xlabel: str, limits: tuple[float, float]
-) -> Axes:
-    """Histograms of a statistic as several models draw it, and a line where it was observed."""
-    _, ax = subplots(figsize=(COLUMN_IN, 3.2))
-    edges = np.linspace(*limits, 41).tolist()
-    for (name, values), colour in zip(draws.items(), COLOURS, strict=False):
-        clipped = np.clip(np.asarray(values, dtype=float), *limits)
-        share = np.full(clipped.shape, 1.0 / clipped.size)
-        ax.hist(clipped, edges, weights=share, color=colour, alpha=0.6, label=name)
-    ax.axvline(observed, color="black", linestyle="--", label="Table 1")
-    ax.set(xlabel=xlabel, ylabel="share of the tables")
-    ax.legend()
-    return ax
-
-
 def plot_power(
     distances_mm: ArrayLike,
     moved_mm: ArrayLike,

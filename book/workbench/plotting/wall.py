@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from .basics import COLOURS, subplots
 
 
-def plot_nyquist(curves: Mapping[str, tuple[ArrayLike, ArrayLike]], widest: float = 2.5) -> Figure:
+def plot_nyquist(curves: Mapping[str, tuple[ArrayLike, ArrayLike]]) -> Figure:
     """Loop transfer functions in the complex plane around the point -1, which a stable loop leaves
     on its left.
 
@@ -20,8 +20,6 @@ def plot_nyquist(curves: Mapping[str, tuple[ArrayLike, ArrayLike]], widest: floa
     curves : mapping of str to (exact, approximate)
         By name, the values of the loop with its hold, shape (n,), drawn solid, and with a delay in
         its place, shape (k,), drawn dashed; in the order of rising frequency.
-    widest : float
-        Half the width of the axes.
     """
     figure, ax = subplots(figsize=(6.5, 5))
     ax.plot(
@@ -35,8 +33,8 @@ def plot_nyquist(curves: Mapping[str, tuple[ArrayLike, ArrayLike]], widest: floa
         xlabel="real part of the loop / 1",
         ylabel="imaginary part of the loop / 1",
         aspect="equal",
-        xlim=(-widest, 0.4 * widest),
-        ylim=(-widest, 0.6 * widest),
+        xlim=(-2.5, 1.0),
+        ylim=(-2.5, 1.5),
     )
     ax.grid(alpha=0.3)
     ax.legend(loc="lower right", fontsize=9)

@@ -24,7 +24,7 @@ from tqdm import tqdm
 from trinolab.bench.optics import Bench, blurred
 from trinolab.bench.rays import CAP, EMPTY, body_region, cast
 from trinolab.bench.scene import radiance
-from trinolab.camera import Camera, Rig
+from trinolab.camera import Camera
 from trinolab.checks import Array, as_array, as_number, as_transform
 from trinolab.datasets import load_handle, load_rig, load_table1
 from trinolab.handle import Handle
@@ -73,28 +73,6 @@ class Bound(NamedTuple):
     def mean_deg(self) -> float:
         """Mean geodesic angle of a Gaussian error of this covariance, deg."""
         return float(np.rad2deg(mean_length(self.covariance[3:, 3:])))
-
-
-def pose_bound(
-    rig: Rig,
-    handle: Handle,
-    T_world_handle: RigidTransform,
-    bench: Bench | None = None,
-    pixels: str = "markers",
-    known_greys: bool = True,
-) -> Bound:
-    """The Cramer-Rao bound of a pose that all cameras of a rig see; parameters as for
-    `information`.
-    """
-    return bound_of(
-        sum(
-            (
-                information(camera, handle, T_world_handle, bench, pixels, known_greys)
-                for camera in rig.cameras
-            ),
-            np.zeros((6, 6)),
-        )
-    )
 
 
 def bound_of(information: Array) -> Bound:

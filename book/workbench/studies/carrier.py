@@ -266,7 +266,6 @@ def all_runs(
     grid: Mapping[str, Sequence],
     kept: Path | None,
     workers: int,
-    yes: bool = False,
 ) -> pd.DataFrame:
     """A row for each cell of a grid, of a trial that succeeds in every one; see `sweep.runs.sweep`.
 
@@ -275,7 +274,7 @@ def all_runs(
     ValueError
         Names `what` fails, in how many cells, and how the first one does.
     """
-    runs = sweep(trial, grid, out=kept, workers=workers, yes=yes)
+    runs = sweep(trial, grid, out=kept, workers=workers)
     failed = runs[runs["status"] != OK]
     if len(failed):
         raise ValueError(

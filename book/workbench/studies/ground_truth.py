@@ -27,8 +27,8 @@ from trinolab.checks import Array, as_array, as_number, as_points, as_whole, fro
 from trinolab.files.images import read_grey
 from trinolab.files.recording import list_instants, open_folder, read_instants
 from trinolab.handle import Handle, slants
+from trinolab.markers import MarkerParameters
 from trinolab.measurement import whole_images
-from trinolab.parameters import Parameters
 from trinolab.window import Window
 
 from .claim_trials import true_labels
@@ -368,21 +368,17 @@ def judge_search(
     return Spots(frozen(np.concatenate(slant)), frozen(np.concatenate(errors)), sum(false))
 
 
-def moving_windows(
-    recording: Recorded, parameters: Parameters | None = None
-) -> list[list[Window | None]]:
+def moving_windows(recording: Recorded) -> list[list[Window | None]]:
     """The window around what moves, W_ROI, for each instant that of each camera (Sect. 4.1)."""
-    p = parameters or Parameters()
+    beside_px = MarkerParameters().diameter_px[0]
     windows = []
     known: list[np.ndarray] = list(recording.empty)
     for instant in recording.instants:
-        stepped = [
-            background.step(*pair, p.background) for pair in zip(known, instant.images, strict=True)
-        ]
+        stepped = [background.step(*pair) for pair in zip(known, instant.images, strict=True)]
         known = [renewed for renewed, _ in stepped]
         windows.append(
             [
-                moved.window and moved.window.grown(p.markers.diameter_px[0]).clipped(camera.size)
+                moved.window and moved.window.grown(beside_px).clipped(camera.size)
                 for (_, moved), camera in zip(stepped, recording.rig.cameras, strict=True)
             ]
         )

@@ -157,19 +157,16 @@ def follow(
     return looks
 
 
-def moving_regions(
-    images: Sequence[ArrayLike], empty: ArrayLike, parameters: Parameters | None = None
-) -> list[Window | None]:
+def moving_regions(images: Sequence[ArrayLike], empty: ArrayLike) -> list[Window | None]:
     """W_ROI of every instant: the rectangle around what moves, from an image of the empty scene
     (Eq. 5, 6).
 
     None where nothing moves. Raises ValueError as `background.step`.
     """
-    p = parameters or Parameters()
     regions = []
     state = np.asarray(empty)
     for image in images:
-        state, detection = background.step(state, image, p.background)
+        state, detection = background.step(state, image)
         regions.append(detection.window)
     return regions
 

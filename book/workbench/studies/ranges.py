@@ -77,12 +77,6 @@ def load_ranges() -> tuple[Range, ...]:
     )
 
 
-def load_closed() -> dict[str, str]:
-    """The rows of which the paper leaves nothing open, each with the reason."""
-    path = data_path("ranges.toml")
-    return dict(get(read_toml(path), "closed", str(path)))
-
-
 def statistics_of(trial: str) -> dict[str, str]:
     """The checks of the ranges of a trial, each with the statistic of its row."""
     statistics = {claim.no: str(claim.statistic) for claim in load_claims()}

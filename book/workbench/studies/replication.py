@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import RigidTransform
-from tqdm import tqdm
 
-from trinolab.bench.hand import Arm, true_visibility
+from trinolab.bench.hand import true_visibility
 from trinolab.bench.motion import random_pose
 from trinolab.bench.optics import Bench
 from trinolab.bench.scene import render_rig
@@ -72,15 +71,13 @@ class Deviation(NamedTuple):
         return self.mm > WRONG_MM or self.deg > WRONG_DEG
 
 
-def shared_poses(
-    rig: Rig, handle: Handle, rng: np.random.Generator, arm: Arm | None = None
-) -> Iterator[RigidTransform]:
+def shared_poses(rig: Rig, handle: Handle, rng: np.random.Generator) -> Iterator[RigidTransform]:
     """Random poses of the standard scene, without end, at which some two cameras truly see the same
     four markers.
     """
     while True:
         T = random_pose(rng)
-        visible = [true_visibility(camera, handle, T, arm) for camera in rig.cameras]
+        visible = [true_visibility(camera, handle, T) for camera in rig.cameras]
         if any((visible[i] & visible[j]).sum() >= 4 for i, j in rig.pairs):
             yield T
 
@@ -144,7 +141,6 @@ def replicate(
     bench: Bench | None = None,
     parameters: Parameters | None = None,
     with_prior: bool = False,
-    progress: bool = False,
 ) -> list[Measurement]:
     """Render each pose with the simulated bench and measure it.
 
@@ -161,16 +157,11 @@ def replicate(
     with_prior : bool
         Whether the true pose is given as the one that is expected, which tells poses that look
         alike apart.
-    progress : bool
-        Show a progress bar on standard error.
     """
     rng = np.random.default_rng(int(as_number(seed, "seed", low=0)))
     truths = list(poses)
     bench = bench or Bench()
-    frames = (
-        render_rig(rig, handle, T, bench, rng)
-        for T in tqdm(truths, unit="instant", disable=not progress)
-    )
+    frames = (render_rig(rig, handle, T, bench, rng) for T in truths)
     method = {"the one": parameters or Parameters()}
     return measure_frames(frames, rig, handle, method, truths if with_prior else None)["the one"]
 

@@ -183,26 +183,21 @@ def tune_image(
     return KalmanParameters(*likeliest[:4], gate_probability=p.gate_probability)
 
 
-def nis_band(count: int, dof: int = 2, share: float = 0.95) -> tuple[float, float]:
-    """Where the mean of `count` NIS lies with probability `share` if the model holds; each has
-    `dof` coordinates.
-
-    The sum of independent chi-squares is one. Raises ValueError if a count is not positive or the
-    share not in (0, 1).
+def nis_band(count: int) -> tuple[float, float]:
+    """Where the mean of `count` NIS of two coordinates lies with a probability of 95 % if the model
+    holds: the sum of independent chi-squares is one. Raises ValueError for a count below 1.
     """
     n = as_whole(count, "count", 1)
-    m = as_whole(dof, "dof", 1)
-    tail = (1 - as_number(share, "share", 1e-9, 1 - 1e-9)) / 2
-    low, high = chdtri(n * m, [1 - tail, tail]) / n
+    low, high = chdtri(2 * n, [0.975, 0.025]) / n
     return float(low), float(high)
 
 
-def pose_models(p: PoseFilterParameters, fading_s: float = FADING_S) -> tuple[Model, Model]:
+def pose_models(p: PoseFilterParameters) -> tuple[Model, Model]:
     """The pose filter's model of one axis of the position (mm), and of one of the rotation
     (rad).
     """
-    position = Model(p.jerk_mm, p.floor_mm, p.speed_mm_s, 10 * p.speed_mm_s, fading_s)
-    return position, Model(p.jerk_rad, p.floor_rad, p.turn_rad_s, 10 * p.turn_rad_s, fading_s)
+    position = Model(p.jerk_mm, p.floor_mm, p.speed_mm_s, 10 * p.speed_mm_s, FADING_S)
+    return position, Model(p.jerk_rad, p.floor_rad, p.turn_rad_s, 10 * p.turn_rad_s, FADING_S)
 
 
 def pose_paths(
@@ -224,7 +219,6 @@ def pose_paths(
 def tune_pose(
     data: Sequence[tuple[ArrayLike, RigidTransform]],
     rng: np.random.Generator,
-    p: PoseFilterParameters | None = None,
     free: Sequence[str] = ("jerk_intensity", "fading_s"),
 ) -> tuple[Model, Model]:
     """The pose filter's models of position and rotation under which motions were most likely.
@@ -235,8 +229,6 @@ def tune_pose(
         Times (k + 1,), s, and the true poses then.
     rng : numpy.random.Generator
         Of the noise, see `pose_paths`.
-    p : PoseFilterParameters, optional
-        What the filter believes of the noise and of the start.
     free : sequence of str
         What is fitted of each model.
 
@@ -245,7 +237,7 @@ def tune_pose(
     ValueError
         As `most_likely`.
     """
-    p = p or PoseFilterParameters()
+    p = PoseFilterParameters()
     paths = [(times, *pose_paths(poses, p, rng)) for times, poses in data]
     position, rotation = pose_models(p)
     return (
@@ -330,12 +322,12 @@ def seconds_nis(
     return means.swapaxes(1, 2).reshape(-1, len(rig.cameras))
 
 
-def handheld_poses(every: int = 3) -> tuple[Array, RigidTransform] | None:
-    """Times and poses of the recorded handheld motion, one of `every` of its 100 per second; None if
-    it is not here.
+def handheld_poses() -> tuple[Array, RigidTransform] | None:
+    """Times and poses of the recorded handheld motion, every third of its 100 per second; None if it
+    is not here.
     """
     recorded = load_trajectories()
-    return None if recorded is None else (recorded.t_s[::every], recorded.poses[::every])
+    return None if recorded is None else (recorded.t_s[::3], recorded.poses[::3])
 
 
 def judge(data: Sequence[tuple[Array, RigidTransform]], models: tuple[Model, Model]) -> list[str]:

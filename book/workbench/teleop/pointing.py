@@ -27,14 +27,14 @@ A log is a CSV file with these columns:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
 
-from trinolab.checks import Array, as_array
+from trinolab.checks import Array
 from trinolab.files.inputs import read_csv
 from trinolab.files.outputs import write_whole
 
@@ -80,16 +80,9 @@ class Performance(NamedTuple):
     n: int
 
 
-def conditions(
-    distances_mm: Sequence[float] = DISTANCES_MM,
-    widths_mm: Sequence[float] = WIDTHS_MM,
-    repeats: int = 10,
-) -> Array:
+def conditions(repeats: int = 10) -> Array:
     """Distance and width of each trial, mm, shape (n, 2): every pair of them, `repeats` times."""
-    distances = as_array(distances_mm, "distances_mm", (None,))
-    widths = as_array(widths_mm, "widths_mm", (None,))
-    pairs = [(distance, width) for distance in distances for width in widths]
-    return np.repeat(np.array(pairs).reshape(-1, 2), repeats, axis=0)
+    return np.repeat(list(product(DISTANCES_MM, WIDTHS_MM)), repeats, axis=0)
 
 
 def difficulty(distance_mm: Array | float, width_mm: Array | float) -> Array:

@@ -58,7 +58,7 @@ def test_a_file_is_fetched_once_and_with_another_sum_refused(tmp_path, monkeypat
     monkeypatch.setattr(fetch, "_ask", bring)
     with pytest.raises(ValueError, match="SHA-256"):
         fetch.fetch(tmp_path)
-    assert not fetch.is_fetched(tmp_path)
+    assert not fetch.path_of("one", tmp_path).exists()
     for _ in range(2):
         fetch.fetch(tmp_path)
     assert brought == []

@@ -11,7 +11,7 @@ from trinolab.calibration.target import Board
 from trinolab.datasets import load_rig, load_table1
 from trinolab.window import Window
 from trinolab.workspace.cones import inside, paper_cones
-from workbench.plotting.background import plot_pixel_histories, plot_verdicts
+from workbench.plotting.background import plot_pixel_histories
 from workbench.plotting.basics import (
     mark_window,
     plot_with_intervals,
@@ -58,9 +58,6 @@ def same(one, other):
     return one.shape == other.shape and np.allclose(one, other, atol=1e-9, equal_nan=True)
 
 
-MASK = np.array([[True, True, True, False, False]])
-INSIDE = np.array([[True, False, False, True, False]])
-OUTSIDE = np.array([[False, True, False, False, True]])
 POSITIONS, ANGLES = [0.1, 0.4], np.array([[1.0, -2.0, 3.0], [0.5, 0.0, -1.0]])
 PANELS = {"mm": {"E_t": [0.1, 0.05, 0.2]}, "deg": {"a": [1, 2, 3], "b": [3, np.nan, 1]}}
 SLANTED = pd.DataFrame(
@@ -82,12 +79,6 @@ FIGURES = {
         plot_pixel_histories,
         ([0, 1, 2, 3], {"lamp": ([45.0, 60.0, 61.0, 29.0], [45.0] * 4)}, 15.0),
         ([[0, 45], [1, 60]], [[2, 61], [3, 29]]),
-    ),
-    # found, false, found on the seam, missed, background
-    "verdicts": (
-        plot_verdicts,
-        ({"one": MASK, "all": ~MASK}, INSIDE, OUTSIDE),
-        ([[1, 2, 1, 3, 0]], [[3, 0, 0, 1, 2]]),
     ),
     "intervals": (
         lambda *of: plot_with_intervals(*of).figure,

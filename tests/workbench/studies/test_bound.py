@@ -18,7 +18,7 @@ from trinolab.camera import Camera, Rig
 from trinolab.datasets import load_sweep
 from trinolab.handle import Handle
 from workbench.studies import bound
-from workbench.studies.bound import Bound, bound_of, information, mean_length, pose_bound
+from workbench.studies.bound import Bound, bound_of, information, mean_length
 
 # four markers in the middle of a thick body, far from its outline
 WIDE = Handle("wide", 15.0, 200.0, 25.0, 3.0, (-20.0, 20.0), ((10.0, -10.0), (6.0, -14.0)))
@@ -100,8 +100,9 @@ def test_information_is_that_of_the_markers_edges():
 
 def test_handle_out_of_sight_has_no_bound():
     away = RigidTransform.from_translation([0, 0, -600.0])
-    assert (information(FRONT, WIDE, away) == 0).all()
-    none = pose_bound(RIG, WIDE, away)
+    nothing = information(FRONT, WIDE, away)
+    assert (nothing == 0).all()
+    none = bound_of(nothing)
     assert np.isnan([none.rms_mm, none.rms_deg, none.mean_mm, none.mean_deg]).all()
 
 

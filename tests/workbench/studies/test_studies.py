@@ -37,9 +37,8 @@ def asked(monkeypatch):
     ("study", "options", "named"),
     [
         ("budget", "--draws 7", {"draws": 7}),
-        ("second_renderer", "", {"kept": Path("_build/second")}),
+        ("second_renderer", "--workers 1", {"workers": 1, "kept": Path("_build/second")}),
         ("drawn_rigs", "--kept k --draws 3 --workers 5", {"draws": 3, **KEPT}),
-        ("stress", "--kept k --instants 20 --workers 5", {"instants": 20, **KEPT}),
     ],
 )
 def test_tables_are_written_each_under_its_name(tmp_path, asked, study, options, named):

@@ -1,21 +1,21 @@
-"""Drawn rig files before the frames of two renderers: sums by hand, what is measured with what, and
+"""Drawn rig files before the frames of two renderers: a row by hand, what is measured with what, and
 the shipped table.
 """
+
+from pathlib import Path
 
 import drawn_rigs as study
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.spatial.transform import RigidTransform
+from stress import as_row
+from tablerows import made_and_stored
 
-from satellites.second import recipe
-from trinolab.datasets import load_handle, load_rig, load_sweep
+from trinolab.datasets import load_rig
 from trinolab.methods import BEST
-from trinolab.pose import LOST, Pose
-from workbench.studies.replication import EVERY
+from workbench.studies.replication import EVERY, Deviation
 from workbench.studies.second_renderer import OURS
 
-TABLE = load_sweep("drawn_rigs")
 DIGITS = 1e-5  # of the shipped table
 GOOD, BAD = study.Level(0.1, 0.005, True), study.Level(0.3, 0.02, True)
 
@@ -26,20 +26,20 @@ def principal_points(rigs):
 
 def test_files_of_an_instant_are_off_by_new_amounts_and_say_how_much():
     rig = load_rig("paper_pair")
-    assert list(study.drawn(rig, study.EXACT, 3, 4)) == [rig]
-    files = list(study.drawn(rig, GOOD, 3, 200))
+    assert study.drawn(rig, study.EXACT, 3, 0) is rig
+    files = [study.drawn(rig, GOOD, 3, draw) for draw in range(200)]
     off = principal_points(files) - principal_points([rig])
     assert off.std() == pytest.approx(0.1, rel=0.1)
     assert np.unique(off).size == off.size
     assert all(one.covariance.matrix[2, 2] == pytest.approx(0.01) for one in files)
-    other = next(study.drawn(rig, GOOD, 4, 1))
+    other = study.drawn(rig, GOOD, 4, 0)
     assert (principal_points([other]) != principal_points(files[:1])).all()
 
 
 def test_a_size_scales_what_was_drawn_and_a_silent_file_says_nothing():
     rig = load_rig("paper_pair")
     good, bad, silent = (
-        next(study.drawn(rig, level, 3, 1)) for level in (GOOD, BAD, BAD._replace(stated=False))
+        study.drawn(rig, level, 3, 0) for level in (GOOD, BAD, BAD._replace(stated=False))
     )
     exact = principal_points([rig])
     ratio = (principal_points([bad]) - exact) / (principal_points([good]) - exact)
@@ -48,45 +48,32 @@ def test_a_size_scales_what_was_drawn_and_a_silent_file_says_nothing():
     assert silent.covariance is None
 
 
-T = RigidTransform.from_translation([0.0, 0.0, 500.0])
-
-
-def pose(mm, sigma_mm):
-    """Off along one axis, a millimetre of it as likely as this."""
-    spread = np.diag([sigma_mm**2] * 3 + [1.0] * 3)
-    off = RigidTransform.from_translation([0.0, 0.0, 500.0 + mm])
-    return Pose("measured", off, spread, 0.1, 4, 2)
+def off(sigmas):
+    """Along one axis, by this; none for a lost pose."""
+    return as_row(Deviation(*[0.1 * sigmas] * 2, 0.1, 0.1, sigmas**2))
 
 
 def test_a_row_is_the_mean_over_what_is_measured():
     """Three instants: of two poses one, of two both, of two none."""
-    handle = load_handle("coded")
-    poses = [pose(0.2, 0.1), LOST], [pose(0.1, 0.1), pose(0.3, 0.1)], [LOST, LOST]
-    instants = pd.DataFrame(
-        [{f"r/0/e/{k}": v for k, v in study.sums(part, T, handle).items()} for part in poses]
+    sigmas = [2.0, np.nan, 1.0, 3.0, np.nan, np.nan]
+    rows = pd.DataFrame(
+        [{"renderer": OURS, "block": k // 2, **off(x)} for k, x in enumerate(sigmas)]
     )
-    row = study.row(instants, "r/0/e")
+    row = study.row(rows)
     assert (row["n"], row["measured"], row["seed"]) == (6, 3, study.SEED)
     assert row["nees"] == pytest.approx((4 + 1 + 9) / 3)
     # drawn again, single instants have 4 and 5
     assert (row["nees_low"], row["nees_high"]) == pytest.approx((4, 5))
-    assert np.isnan(study.row(instants[2:], "r/0/e")["nees"])
+    assert np.isnan(study.row(rows[4:])["nees"])
 
 
 @pytest.mark.heavy
-def test_a_row_of_our_bench_is_made_again(monkeypatch, tmp_path):
-    """Silent files, off by 0.3 px, before two cameras."""
-    shooting = recipe.stills("coded")
-    level = len(study.LEVELS) - 1
+def test_rows_of_our_bench_are_made_again(monkeypatch):
+    """Of the best estimator, with the exact file and silent ones that are off by 0.3 px, before two
+    cameras.
+    """
     monkeypatch.setattr(study, "EVERY", {BEST: EVERY[BEST]})
     monkeypatch.setattr(study, "RIGS", ("paper_pair",))
-    monkeypatch.setattr(study, "recorded", lambda name, kept: kept)
-    monkeypatch.setattr(study, "read_poses", lambda path: path)
-    monkeypatch.setattr(study, "poses_by_frame", lambda path: list(shooting.truth))
-    stored = TABLE.query(
-        "renderer == @OURS and rig == 'paper_pair' and handle == 'coded' and estimator == @BEST"
-    ).iloc[level]
-    draws = int(stored["n"]) // len(shooting.truth)
-    runs = [study.trial(OURS, "coded", k, draws, str(tmp_path)) for k in range(len(shooting.truth))]
-    for name, value in study.row(pd.DataFrame(runs), f"paper_pair/{level}/{BEST}").items():
-        assert stored[name] == pytest.approx(value, rel=DIGITS), name
+    monkeypatch.setattr(study, "LEVELS", (study.EXACT, study.LEVELS[-1]))
+    made, stored = made_and_stored("drawn_rigs", study.table(Path()))
+    pd.testing.assert_frame_equal(made, stored, rtol=DIGITS, check_dtype=False)
