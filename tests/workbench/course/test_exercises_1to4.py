@@ -88,7 +88,7 @@ def test_cones():
 
 def test_elevations_of_a_third_camera():
     rod, poses = datasets.load_handle("paper"), datasets.load_table1().set_poses
-    litres, enough, alone = [], [], []
+    litres, enough = [], []
     for elevation_deg in range(10, 100, 10):
         rig = datasets.paper_rig(elevation_deg)
         view = workspace.view_volume(rig)
@@ -106,8 +106,6 @@ def test_elevations_of_a_third_camera():
         )
         shared = (seen[:, :2] & seen[:, 2:]).sum(axis=2).max(axis=1)
         enough.append(f"{(shared >= 4).sum()}")
-        third_alone = (seen[:, 2] & ~seen[:, :2].any(axis=1)).sum(axis=1)
-        alone.append(f"{third_alone.mean() + 1e-9:.1f}")  # a half is rounded up
         if elevation_deg == 10:
             agrees("02.5", at_10=view.status)
         if elevation_deg == 40:
@@ -117,7 +115,6 @@ def test_elevations_of_a_third_camera():
             agrees("02.5", share=0.2, poses_90=(shared >= 4).sum(), litres_90=view.volume / 1e6)
     says("02.5", f"| volume / l | {' | '.join(litres)} |")
     says("02.5", f"| poses of 20 | {' | '.join(enough)} |")
-    says("02.5", f"| markers that only CCD3 sees, mean | {' | '.join(alone)} |")
 
 
 def test_a_bench_for_a_volume():
