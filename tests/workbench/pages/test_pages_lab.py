@@ -98,6 +98,5 @@ def test_a_reader_changes_alpha(browser, lab):
     assert sees("globalThis.ran") == "well"
     text = "cellOf('background-12').node.querySelector('.myst')?.innerText"
     browser.evaluate(f"{panel}.content.scrollToCell(cellOf('background-12'))")
-    sees(f"{text}?.includes('0.05')")
-    said = browser.evaluate(text)
+    said = sees(f"{text}?.includes('0.05') && {text}")
     assert re.search(r"false alarm for 0\.3 s, and the resting hand is seen for 0\.7 s", said)
