@@ -66,13 +66,14 @@ def test_alpha_moves_verdict_figure_and_closing_errors():
     assert differ(found, "background-09", "image/png")
     assert differ(found, "background-37-slider", "image/png")
     # the table of errors, which has a column for the printed background and one for the cured
-    assert differ(found, "background-39", "printed")
+    assert differ(found, "bfdd998f", "printed")
 
 
 @pytest.mark.heavy
 def test_a_small_q_loses_rectangles_and_poses():
     _, (ours, small) = runs("04_kalman", "jerk_intensity", (9.5e8, 9.5e6))
-    assert small["held_filter"] == ours["kept_small"] < ours["kept_ours"] == ours["held_filter"]
+    # windows that lose the target see other rectangles after it
+    assert small["held_filter"] <= ours["kept_small"] < ours["held_filter"]
     assert small["windows_measured"] < ours["windows_measured"]
     assert small["track_ours_refused"] > ours["track_ours_refused"]
 
