@@ -1,32 +1,28 @@
-"""The chapters with other parameters than their own, and what each of them must glue."""
+"""The chapters at the ends of the ranges that their parameters have, and what must hold there: of
+what they glue, and of the words that their text has typed beside it.
+"""
 
+import ast
+import re
 import tomllib
+from pathlib import Path
 
-from chapters import is_study
+from chapters import NOTEBOOKS, is_study
+
+from workbench.course.editions import GLUED
+from workbench.sweep.notebook import read_notebook
 
 ERRORS = {"E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg"}
-# A new chapter needs an entry here, and in `SMALL` what makes it small.
-OTHER_PARAMETERS = tomllib.loads("""
-01_structure = {rig_name = "paper_pair", handle_name = "coded", row = 12, seed = 1}
-02_workspace = {rig_name = "raised_40deg", half_angle_deg = 15.0}
-03_background = {update_rate = 0.05, difference_threshold = 12.0, shadow_share = 0.4, seed = 1}
-04_kalman = {jerk_intensity = 2e9, sigma_px = 3.0, velocity_sigma = 800.0, seed = 5}
-05_markers = {surplus = 3.0, read_noise = 6.0, seed = 1}
-05b_centroid = {surplus = 3.0, read_noise = 6.0, seed = 1}
-06_matching = {ncc_threshold = 0.9, epipolar_gate_px = 1.0, instants = 8, seed = 1}
-07_calibration = {positions = 10, square_mm = 12.0, half_window_px = 5, noise_px = 0.1, seed = 2}
-07b_accuracy = {positions = 10, square_mm = 12.0, noise_px = 0.1, seed = 2}
-08_pose = {handle_name = "coded", sigma_px = 0.05, seed = 3}
-09_table1 = {handle_name = "coded", seed = 1, noise_px = 0.1, level = 0.001}
-09b_causes = {handle_name = "coded", seed = 1, level = 0.001}
-10_estimators = {rig_name = "raised_40deg", estimator = "reprojection", seed = 1}
-10b_trust = {estimator = "reprojection", turned_deg = 0.02, seed = 1}
-11_master_slave = {scale = 2.0, turn_scale = 0.5, cutoff_hz = 3.0, noise_mm = 0.1, seed = 1}
-11b_delay = {scale = 2.0, turn_scale = 0.5, cutoff_hz = 3.0, noise_mm = 0.1, seed = 1}
-12_force_feedback = {mass_kg = 0.5, damping = 5.0, delay_s = 0.1, rate_hz = 60.0, seed = 1}
-12b_wall = {mass_kg = 0.5, damping = 5.0, delay_s = 0.1, rate_hz = 60.0}
-""")
-
+# A range ends the comment behind a parameter: "0.002 to 0.2", "paper or coded".
+RANGE = re.compile(r"^(\w+) = .*#.*?(\S+) (?:to|or) (\S+)$", re.M)
+COMPARATIVES = re.compile(
+    r"\b(more|less|larger|smaller|better|worse|(?<!at )(?:most|least)|twice|only|exceeds?|fewer"
+    r"|longer|shorter|higher|lower|farther|nearer|best|worst|faster|slower|hardly|mostly|nearly"
+    r"|too (?:late|large|small)|raises|lowers|helps|grows|falls|shrinks|loses)\b"
+)
+SENTENCES = re.compile(r"(?<=[.?!])\s+|\n")
+NO_NUMBER = re.compile(r" (?:-?(?:nan|inf)|-0(?:\.0+)?)%?$")
+# What makes a chapter small; a new chapter needs an entry.
 SMALL = {
     "01_structure": {"frames": 6, "row_step": 20},
     "02_workspace": {"step_deg": 26.0, "row_step": 20},
@@ -35,8 +31,8 @@ SMALL = {
     "05_markers": {"frame_step": 29, "row_step": 20},
     "05b_centroid": {"frame_step": 29, "draws": 4},
     "06_matching": {"instants": 6, "row_step": 20},
-    "07_calibration": {"positions": 4, "draws": 1, "row_step": 20},
-    "07b_accuracy": {"positions": 4},
+    "07_calibration": {"draws": 1, "row_step": 20},
+    "07b_accuracy": {},
     "08_pose": {"draws": 10, "row_step": 20},
     "09_table1": {"row_step": 20, "tables": 100},
     "09b_causes": {"tables": 100},
@@ -47,12 +43,67 @@ SMALL = {
     "12_force_feedback": {"share": 0.1, "row_step": 20},
     "12b_wall": {"share": 0.1},
 }
+# By chapter, cell and word: what makes a typed comparative true, of the glued values or as a fact.
+TYPED = tomllib.loads((Path(__file__).parent / "typedwords.toml").read_text(encoding="utf-8"))
+
+
+def _literal(text):
+    try:
+        return ast.literal_eval(text)
+    except ValueError:
+        return text
+
+
+def _settings(path):
+    """A chapter's parameters at the low and at the high ends of their ranges; the latter with
+    another seed.
+    """
+    (cell,) = (
+        one
+        for one in read_notebook(path).cells
+        if "parameters" in one.metadata.get("tags", []) and one.cell_type == "code"
+    )
+    ends = {name: (_literal(low), _literal(high)) for name, low, high in RANGE.findall(cell.source)}
+    seed = {"seed": 1} if "\nseed = " in cell.source else {}
+    low, high = ({name: pair[k] for name, pair in ends.items()} for k in (0, 1))
+    return {"low": low, "high": {**high, **seed}}
+
+
+SETTINGS = {path.stem: _settings(path) for path in NOTEBOOKS}
 
 
 def check_results(name, results):
     """A lesson checks the errors of the whole chain; a study need not do it again."""
     missing = ERRORS - results.keys()
     assert not missing or is_study(name)
-    for name in ERRORS - missing:
-        assert isinstance(results[name], float), name
-        assert results[name] >= 0, name
+    for error in ERRORS - missing:
+        assert isinstance(results[error], float), error
+        assert results[error] >= 0, error
+
+
+def typed_words(notebook):
+    """The comparatives that stand typed in a sentence with a glued value, as cell and word."""
+    return {
+        f"{cell.id} {word}"
+        for cell in notebook.cells
+        if cell.cell_type == "markdown"
+        for sentence in SENTENCES.split(cell.source)
+        if GLUED.search(sentence)
+        for word in COMPARATIVES.findall(GLUED.sub("", sentence))
+    }
+
+
+def false_sentences(name, notebook, parameters, results):
+    """What of a chapter's text contradicts what it has glued: numbers that are none, and typed words
+    and verdicts that are not true.
+    """
+    text = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "markdown")
+    shown = {f"{one} is {results[one]:{form}}" for one, form in GLUED.findall(text)}
+    no_numbers = sorted(one for one in shown if NO_NUMBER.search(one))
+    values = {**parameters, **results, "glued": results}
+    false = [
+        f"{what}: not {why}"
+        for what, why in TYPED[name].items()
+        if not why.startswith("always: ") and not eval(why, values)
+    ]
+    return no_numbers + false

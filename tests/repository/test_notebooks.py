@@ -1,8 +1,9 @@
 """Every chapter runs as it stands and with other parameters, and glues what a sweep asks for.
 
 `make book` runs the chapters as they stand: what it has stored is looked at here, or they run here
-if that is stale. With other parameters two lessons run in a small size; `make verify` runs all, the
-studies as well, and repeats that in full.
+if that is stale. At the ends of their parameters' ranges two lessons run in a small size; `make
+verify` runs all, the studies as well, and repeats that in full. No sentence may contradict what a
+run has glued.
 """
 
 import json
@@ -10,7 +11,7 @@ from functools import cache
 
 import nbformat
 import pytest
-from chapterruns import OTHER_PARAMETERS, SMALL, check_results
+from chapterruns import SETTINGS, SMALL, TYPED, check_results, false_sentences, typed_words
 from chapters import LESSONS, NOTEBOOKS
 from executed import as_it_stands
 from nbformat.v4 import new_code_cell
@@ -38,10 +39,19 @@ def without_figure(run):
     ]
 
 
-@pytest.mark.parametrize("entries", [OTHER_PARAMETERS, SMALL], ids=["OTHER_PARAMETERS", "SMALL"])
-def test_every_chapter_has_an_entry(entries):
-    missing = {path.stem for path in NOTEBOOKS} - set(entries)
-    assert not missing, "a chapter needs an entry in OTHER_PARAMETERS and in SMALL, see above"
+@each_notebook
+def test_every_chapter_has_its_settings(path):
+    assert path.stem in SMALL, "what makes it small"
+    low, high = SETTINGS[path.stem].values()
+    defaults = read_parameters(path)
+    assert low, "no parameter has a range behind it, as in 'alpha, 0.002 to 0.2'"
+    assert all(defaults[name] != high[name] or low[name] != high[name] for name in low)
+
+
+@each_notebook
+def test_a_typed_comparative_beside_a_number_is_reviewed(path):
+    reviewed = {what for what in TYPED[path.stem] if " " in what}
+    assert typed_words(read_notebook(path)) == reviewed, "glue the word, or say when it is true"
 
 
 @each_notebook
@@ -50,6 +60,7 @@ def test_runs_at_its_defaults(path, monkeypatch):
     run = as_it_stands(path)
     check_results(path.stem, run.results)
     assert without_figure(run) == []
+    assert false_sentences(path.stem, run.notebook, read_parameters(path), run.results) == []
 
 
 @cache
@@ -65,29 +76,29 @@ def two_lessons():
     return sorted(LESSONS, key=order)[:2]
 
 
-def check_other_parameters(path):
-    other, small = (entries.get(path.stem, {}) for entries in (OTHER_PARAMETERS, SMALL))
-    defaults = read_parameters(path)
-    assert any(value != defaults.get(name) for name, value in other.items()), (
-        "no parameter differs from its default"
-    )
+def check_at(end, path):
+    parameters = SETTINGS[path.stem][end] | SMALL[path.stem]
     notebook = read_notebook(path)
     notebook.cells.insert(0, new_code_cell(UNDRAWN))
     job = notebook_job(path, keep=True)._replace(text=json.dumps(notebook))
-    outcome = run_whole(job, {**other, **small})
+    outcome = run_whole(job, parameters)
     assert outcome.status != FAILED, outcome.error
-    check_results(path.stem, glued(nbformat.reads(outcome.notebook, as_version=4)))
+    results = glued(nbformat.reads(outcome.notebook, as_version=4))
+    check_results(path.stem, results)
+    parameters = read_parameters(path) | parameters
+    assert false_sentences(path.stem, notebook, parameters, results) == []
 
 
-@pytest.mark.parametrize("number", [0, 1])
-def test_two_lessons_run_at_other_parameters(number):
-    check_other_parameters(two_lessons()[number])
+@pytest.mark.parametrize(("number", "end"), [(0, "low"), (1, "high")])
+def test_two_lessons_run_at_an_end_of_their_ranges(number, end):
+    check_at(end, two_lessons()[number])
 
 
 @pytest.mark.heavy
+@pytest.mark.parametrize("end", ["low", "high"])
 @each_notebook
-def test_runs_at_other_parameters(path):
-    check_other_parameters(path)
+def test_runs_at_both_ends_of_its_ranges(path, end):
+    check_at(end, path)
 
 
 @each_notebook

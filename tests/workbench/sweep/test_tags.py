@@ -8,7 +8,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from chapterruns import OTHER_PARAMETERS, SMALL
+from chapterruns import SETTINGS, SMALL
 from chapters import NOTEBOOKS, is_study
 from makenotebook import glued, make_notebook
 from processes import ended, is_running, started, wait_until
@@ -184,14 +184,15 @@ def test_what_changes_nothing_is_reported(tmp_path, caplog):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("name", OTHER_PARAMETERS)
+@pytest.mark.parametrize("name", SETTINGS)
 def test_a_chapter_by_its_tags_gives_what_it_gives_whole(name):
-    """In its small size, at other parameters."""
+    """In its small size, at the high end of its ranges."""
+    high = SETTINGS[name]["high"]
     path = NOTEBOOKS[[path.stem for path in NOTEBOOKS].index(name)]
-    swept = SWEEPS[name].parameter if name in SWEEPS else next(iter(OTHER_PARAMETERS[name]))
+    swept = SWEEPS[name].parameter if name in SWEEPS else next(iter(high))
     notebook = read_notebook(path)
     plan = plan_cells(notebook, [swept])
-    values = {**OTHER_PARAMETERS[name], **SMALL[name]}
+    values = {**high, **SMALL[name]}
     fixed = {key: value for key, value in values.items() if key != swept}
     job = notebook_job(path, plan=plan, fixed=fixed, varying=[swept])
     assert plan.once
