@@ -31,7 +31,7 @@ SMALL = {
     "05_markers": {"frame_step": 29, "row_step": 20},
     "05b_centroid": {"frame_step": 29, "draws": 4},
     "06_matching": {"instants": 6, "row_step": 20},
-    "07_calibration": {"draws": 1, "row_step": 20},
+    "07_calibration": {"draws": 3, "row_step": 20},
     "07b_accuracy": {},
     "08_pose": {"draws": 10, "row_step": 20},
     "09_table1": {"row_step": 20, "tables": 100},
