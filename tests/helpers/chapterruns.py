@@ -16,9 +16,8 @@ ERRORS = {"E_t_mm", "E_alpha_deg", "E_beta_deg", "E_gamma_deg"}
 # A range ends the comment behind a parameter: "0.002 to 0.2", "paper or coded".
 RANGE = re.compile(r"^(\w+) = .*#.*?(\S+) (?:to|or) (\S+)$", re.M)
 COMPARATIVES = re.compile(
-    r"\b(more|less|larger|smaller|better|worse|(?<!at )(?:most|least)|twice|only|exceeds?|fewer"
-    r"|longer|shorter|higher|lower|farther|nearer|best|worst|faster|slower|hardly|mostly|nearly"
-    r"|too (?:late|large|small)|raises|lowers|helps|grows|falls|shrinks|loses)\b"
+    r"\b(more|less|larger|smaller|better|worse|(?<!at )most|twice|only|exceeds?|fewer|higher|lower"
+    r"|farther|nearer|faster|slower|hardly|mostly|nearly|raises|lowers|helps|grows|falls)\b"
 )
 SENTENCES = re.compile(r"(?<=[.?!])\s+|\n")
 NO_NUMBER = re.compile(r" (?:-?(?:nan|inf)|-0(?:\.0+)?)%?$")
