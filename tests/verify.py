@@ -66,6 +66,7 @@ def _arguments() -> argparse.Namespace:
         ("refined", 20, "draws of rig and layout for each rig and handle that a recording refines"),
         ("recordings", 2, "recordings that are rendered and refined, for each rig"),
         ("slips", 100, "slips of each module of the package, a tenth of them a run"),
+        ("slip-seed", 7, "seed by which they are chosen"),
         ("slip-workers", 2, "copies of the package that are tested at once"),
         ("files", 100_000, "wrong files for the readers of users' files"),
         ("commands", 300, "commands that are run on wrong files, with 2 GB of memory"),

@@ -127,6 +127,7 @@ def test_candidates_come_by_contrast_with_thresholds_on_their_flanks():
     image = np.full((200, 300), 50.0)
     for x, grey in ((60, 110), (150, 200), (240, 150)):
         image[np.hypot(u - x, v - 100) < 9] = grey
+    image[np.abs(v - 100) > 15] = 0  # beyond the reach
     uv = np.array([[60.0, 100], [150, 100], [240, 100], [105, 40]])
     where = blobs.Places(uv, np.full(4, 15.0), np.full(4, np.inf))
     found = blobs.candidates(image, where, 20.0)

@@ -116,6 +116,7 @@ NO_MARKERS = {
     "too thin": (cv2.rectangle, (100, 20), (130, 22), 220, -1),
     "too small": (cv2.rectangle, (110, 90), (111, 91), 220, -1),
     "not filled": (cv2.circle, (120, 60), 12, 220, 2),
+    "a triangle": (cv2.fillConvexPoly, np.array([[108, 75], [132, 75], [120, 54]]), 220),
     "too large": (cv2.rectangle, (80, 5), (155, 115), 220, -1),
     "cut by the edge": (cv2.circle, (159, 60), 8, 220, -1),
     "no contrast": (cv2.circle, (120, 60), 8, 105, -1),

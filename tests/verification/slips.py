@@ -24,9 +24,8 @@ from tqdm import tqdm
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE, TESTS = ROOT / "trinolab", ROOT / "tests" / "trinolab"
 KEPT = ROOT / "_build" / "slips"
-SEED = 7
 LONGEST_S = 300.0
-PARTS = (".", "workspace", "calibration", "identity", "estimators", "uncertainty", "slave")
+APART = {"bench", "files"}
 PLUMBING = {"__init__", "__main__", "checks", "datasets", "memory", "methods", "work", "workers"}
 LEAST = 80  # per cent that are to be found in each module
 Results = dict[str, list[str]]  # by a slip's words, the cases that find it
@@ -34,8 +33,8 @@ Results = dict[str, list[str]]  # by a slip's words, the cases that find it
 
 def modules() -> list[Path]:
     """The modules of chain, calibration, fit, uncertainty and slave."""
-    found = [path for part in PARTS for path in sorted((PACKAGE / part).glob("*.py"))]
-    return [path for path in found if path.stem not in PLUMBING]
+    found = sorted(PACKAGE.rglob("*.py"))
+    return [p for p in found if p.stem not in PLUMBING and p.parent.name not in APART]
 
 
 def tests_of(module: Path) -> list[Path]:
@@ -47,29 +46,30 @@ def tests_of(module: Path) -> list[Path]:
 
 def report(arguments) -> None:
     share = "all" if arguments.all_slips else "a tenth of those that are missing"
-    print(f"{arguments.slips} slips a module, seed {SEED}, planted now: {share}. Not found:")
+    each = f"{arguments.slips} slips a module, seed {arguments.slip_seed}"
+    print(f"{each}, planted now: {share}. Not found:")
     found: dict[Path, Results] = {}
     with ThreadPoolExecutor(arguments.slip_workers) as pool:
         for module in modules():
             if not arguments.slip_modules or module.stem in arguments.slip_modules:
-                found[module] = _results(module, arguments.slips, arguments.all_slips, pool)
+                found[module] = _results(module, arguments, pool)
                 missed = [words for words, cases in found[module].items() if not cases]
                 for words in sorted(missed):
                     print(f"  {module.relative_to(PACKAGE)} {words}", flush=True)
     _print_summary(found)
 
 
-def _results(module: Path, count: int, whole: bool, pool: ThreadPoolExecutor) -> Results:
+def _results(module: Path, arguments, pool: ThreadPoolExecutor) -> Results:
     """What is known of the first slips of a module, when some more have been planted."""
     source = module.read_text()
     code = source + "".join(path.read_text() for path in tests_of(module))
     kept = KEPT / f"{module.stem}-{hashlib.sha256(code.encode()).hexdigest()[:12]}.json"
     known: Results = json.loads(kept.read_text()) if kept.is_file() else {}
     every = slips(source)
-    order = np.random.default_rng(SEED).permutation(len(every))[:count]
+    order = np.random.default_rng(arguments.slip_seed).permutation(len(every))[: arguments.slips]
     chosen = {every[k].words: every[k] for k in order}
     todo = [slip for words, slip in chosen.items() if words not in known]
-    some = todo if whole else todo[: -(-len(chosen) // 10)]
+    some = todo if arguments.all_slips else todo[: -(-len(chosen) // 10)]
     bar = tqdm(pool.map(_found, [module] * len(some), some), module.stem, len(some), leave=False)
     known |= {slip.words: cases for slip, cases in zip(some, bar, strict=True)}
     KEPT.mkdir(parents=True, exist_ok=True)
@@ -138,6 +138,6 @@ def _print_summary(found: dict[Path, Results]) -> None:
     summary = folders[["found", "by two", "cases"]].mean().assign(planted=folders.size())
     print("\nPer cent found, by two functions or more, and cases that find a slip that is found:")
     print(summary.to_string(float_format="{:.1f}".format))
-    shares = table.groupby("module")["found"].mean()
-    low = [f"{name} {share:.0f}" for name, share in shares.items() if share < LEAST]
+    shares = table.groupby(["folder", "module"])["found"].mean()
+    low = [f"{'/'.join(name)} {share:.0f}" for name, share in shares.items() if share < LEAST]
     print(f"below {LEAST} %: {', '.join(low) or 'none'}")

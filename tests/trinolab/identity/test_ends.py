@@ -65,6 +65,10 @@ def test_what_is_hidden_or_outside_or_the_same_either_way_decides_nothing():
     aside = pose([600.0, 0, 0]) * T
     assert keep_by_body(frames, RIG, PAPER, equivalents(aside, PAPER)).all()
     assert keep_by_body(frames, RIG, PAPER, [T]).tolist() == [True]
+    # the cameras contradict each other
+    turned = next(E for E in equivalents(T, PAPER) if right_way([E]) == [False])
+    other = render_rig(RIG, PAPER, turned, Bench(), rng)
+    assert keep_by_body([frames[0], other[1]], RIG, PAPER, equivalents(T, PAPER)).all()
     # poses on other axes are left alone
     away = pose([0, 0, 40.0]) * T
     poses = [*equivalents(T, PAPER), away]

@@ -163,6 +163,17 @@ def test_depth_sigma_is_that_of_many_draws():
     assert scatter == pytest.approx(drawn[0].ahead[0], rel=0.15)
 
 
+def test_among_the_depths_of_three_points_are_the_true_ones():
+    rng, triplets = np.random.default_rng(7), np.argwhere(layout_of(CODED, P).triplets)
+    for _ in range(60):
+        triangle = CODED.marker_centres[rng.choice(triplets)]
+        X = RIG.cameras[0].T_cam_world.apply(random_pose(rng).apply(triangle))
+        true = np.linalg.norm(X, axis=1)
+        sides = np.linalg.norm(triangle - np.roll(triangle, -1, axis=0), axis=1)
+        depths = three_point_depths(X / true[:, None], sides[None])
+        assert np.nanmin(np.abs(depths - true).max(axis=1)) < 1e-6  # mm
+
+
 def test_three_points_that_cannot_be():
     rays = np.array([[0.0, 0, 1], [0.1, 0, 1], [0, 0.1, 1]])
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)

@@ -241,6 +241,7 @@ def test_a_pose_that_explains_more_but_does_not_fit_is_a_rival():
         labels, squares, left_over.astype(float), left_over, cost, np.zeros(3, int)
     )
     verdict = judge(explained, p)
+    np.testing.assert_allclose(verdict.residual_px, [0.7, 0.9, 0.9])
     assert verdict.holds.tolist() == [True, False, False]
     assert verdict.strained.tolist() == [False, True, True]
     assert rivals(0, explained, verdict, np.zeros(3), p).tolist() == [True, True, False]
