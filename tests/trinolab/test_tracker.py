@@ -96,7 +96,9 @@ def rendered(k=None):
 def test_a_known_start_carries_the_equivalent_through_the_clip(every, monkeypatch):
     """Also where frames are dropped."""
     windows = []
-    monkeypatch.setattr(tracker, "measure", lambda *a: windows.append(a[-1]) or measurement.measure(*a))
+    monkeypatch.setattr(
+        tracker, "measure", lambda *a: windows.append(a[-1]) or measurement.measure(*a)
+    )
     empty = rendered()
     state = start(empty, RIG, -1 / 30, POSES[0])
     for k in range(0, len(POSES), every):

@@ -1,8 +1,9 @@
 """Which test finds which slip: slips planted in modules of the package, and their tests run on each.
 
-A module's tests are those of its name, else those of its folder. Results are kept by the code of the
-module and of its tests; a run plants a tenth of the slips that are still missing, or all of them. A slip
-that no test finds is printed: it is harmless, or a test is missing.
+A module's tests are those of its name; a slip that these do not find is left to the others of their
+folder. Results are kept by the code of the module and of its tests; a run plants a tenth of the slips that
+are still missing, or all of them. A slip that no test finds is printed: it is harmless, or a test is
+missing.
 """
 
 import hashlib
@@ -14,6 +15,7 @@ import subprocess
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -37,11 +39,11 @@ def modules() -> list[Path]:
     return [p for p in found if p.stem not in PLUMBING and p.parent.name not in APART]
 
 
-def tests_of(module: Path) -> list[Path]:
-    """The test files of a module."""
-    folder = TESTS / module.parent.relative_to(PACKAGE)
-    own = sorted(folder.glob(f"test_{module.stem}*.py"))
-    return own or sorted(folder.glob("test_*.py"))
+def tests_of(module: Path) -> list[list[Path]]:
+    """The test files of a module, and the others of their folder."""
+    files = sorted((TESTS / module.parent.relative_to(PACKAGE)).glob("test_*.py"))
+    own = [path for path in files if path.name.startswith(f"test_{module.stem}")]
+    return [own, [path for path in files if path not in own]]
 
 
 def report(arguments) -> None:
@@ -62,7 +64,7 @@ def report(arguments) -> None:
 def _results(module: Path, arguments, pool: ThreadPoolExecutor) -> Results:
     """What is known of the first slips of a module, when some more have been planted."""
     source = module.read_text()
-    code = source + "".join(path.read_text() for path in tests_of(module))
+    code = source + "".join(path.read_text() for path in chain(*tests_of(module)))
     kept = KEPT / f"{module.stem}-{hashlib.sha256(code.encode()).hexdigest()[:12]}.json"
     known: Results = json.loads(kept.read_text()) if kept.is_file() else {}
     every = slips(source)
@@ -88,22 +90,28 @@ def _found(module: Path, slip: Slip) -> list[str]:
         shutil.copytree(PACKAGE, copy, ignore=left_out)
         (copy / "data").symlink_to(ROOT / "data")
         (copy / module.relative_to(PACKAGE)).write_text(planted(module.read_text(), slip))
-        command = [sys.executable, "-P", "-m", "pytest", *map(str, tests_of(module))]
-        options = ["-q", "--tb=no", "-rfE", "-p", "no:cacheprovider"]
-        paths = os.pathsep.join([folder, str(ROOT / "book")])
-        variables = {"PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
-        try:
-            run = subprocess.run(
-                command + options,
-                cwd=ROOT,
-                env={**os.environ, **variables},
-                capture_output=True,
-                text=True,
-                timeout=LONGEST_S,
-                check=False,
-            )
-        except subprocess.TimeoutExpired:
-            return ["(did not end)"]
+        found = (_failing(folder, files) for files in tests_of(module) if files)
+        return next(filter(None, found), [])
+
+
+def _failing(folder: str, files: list[Path]) -> list[str]:
+    """The cases of test files that fail with the package in a folder."""
+    command = [sys.executable, "-P", "-m", "pytest", *map(str, files)]
+    options = ["-q", "--tb=no", "-rfE", "-p", "no:cacheprovider"]
+    paths = os.pathsep.join([folder, str(ROOT / "book")])
+    variables = {"PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"}
+    try:
+        run = subprocess.run(
+            command + options,
+            cwd=ROOT,
+            env={**os.environ, **variables},
+            capture_output=True,
+            text=True,
+            timeout=LONGEST_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        return ["(did not end)"]
     lines = [line.split() for line in run.stdout.splitlines()]
     cases = [words[1] for words in lines if words[:1] in (["FAILED"], ["ERROR"])]
     return cases or (["(nothing ran)"] if run.returncode not in (0, 1) else [])
