@@ -16,7 +16,7 @@ from trinolab.estimators.paper import pose_of_centroids
 from trinolab.handle import slants
 from trinolab.metrics import nees
 from trinolab.pose import fit_pose
-from trinolab.uncertainty.centroids import LIGHT, NOISE_PX, centroid_bias
+from trinolab.uncertainty.centroids import LIGHT, NOISE_PX, PULL, centroid_bias, pulled_alike
 
 PAIR, RAISED = load_rig("paper_pair"), load_rig("raised_40deg")
 CODED = load_handle("coded")
@@ -62,6 +62,17 @@ def test_light_from_the_side_pulls_as_a_slant_of_its_angle_does():
     expected = slope / LIGHT * np.einsum("kij,kj->ki", bias.light, directions)
     size = np.linalg.norm(pulled, axis=1).max()
     np.testing.assert_allclose(pulled, expected, rtol=0, atol=0.1 * size)
+
+
+def test_markers_of_a_column_are_pulled_alike():
+    views = views_of(RAISED, CODED, POSE, 50.0)
+    n = len(views.camera)
+    pulls = pulled_alike(*views, np.tile(np.eye(2), (n, 1, 1)), POSE, RAISED, CODED)
+    pulls = pulls.reshape(n, 2, n, 2)
+    np.testing.assert_allclose(np.einsum("kiki->k", pulls), PULL)
+    around = CODED.marker_angles[views.marker]
+    alike = np.isclose(around[:, None], around)
+    np.testing.assert_array_equal(pulls.any(axis=(1, 3)), alike)
 
 
 def drawn_centroids(rig, handle, T, noise_px, rng, light=0.5, mirrored=0.0):
