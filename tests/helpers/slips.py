@@ -105,8 +105,8 @@ def changes(node):  # noqa: C901
     if isinstance(node, ast.BoolOp):
         other_word = ast.Or if isinstance(node.op, ast.And) else ast.And
         yield other_word.__name__, lambda it: setattr(it, "op", other_word())
-    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.Not):
-        yield "without its sign", lambda it: setattr(it, "op", _same(it.op))
+    if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
+        yield "without its sign", lambda it: setattr(it, "op", ast.UAdd())
     if isinstance(node, ast.Constant) and type(node.value) in (int, float):
         for step in (-1, 1):
             value = node.value + step
@@ -122,10 +122,6 @@ def changes(node):  # noqa: C901
         yield "always", lambda it: setattr(it, "test", ast.Constant(True))
     if isinstance(node, ast.AugAssign) and isinstance(node.op, ast.Add):
         yield "Sub", lambda it: setattr(it, "op", ast.Sub())
-
-
-def _same(op):
-    return ast.UAdd() if isinstance(op, ast.USub) else ast.Not()
 
 
 def _swap_sides(node):

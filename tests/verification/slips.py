@@ -6,6 +6,7 @@ are still missing, or all of them. A slip that no test finds is printed: it is h
 missing.
 """
 
+import ast
 import hashlib
 import json
 import os
@@ -69,7 +70,9 @@ def _results(module: Path, arguments, pool: ThreadPoolExecutor) -> Results:
     known: Results = json.loads(kept.read_text()) if kept.is_file() else {}
     every = slips(source)
     order = np.random.default_rng(arguments.slip_seed).permutation(len(every))[: arguments.slips]
-    chosen = {every[k].words: every[k] for k in order}
+    usual = ast.unparse(ast.parse(source))
+    # equal arguments that are swapped are no slip
+    chosen = {every[k].words: every[k] for k in order if planted(source, every[k]) != usual}
     todo = [slip for words, slip in chosen.items() if words not in known]
     some = todo if arguments.all_slips else todo[: -(-len(chosen) // 10)]
     bar = tqdm(pool.map(_found, [module] * len(some), some), module.stem, len(some), leave=False)
