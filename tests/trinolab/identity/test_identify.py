@@ -14,6 +14,7 @@ from trinolab.camera import Rig
 from trinolab.handle import Handle, slants
 from trinolab.identity import choose, equivalents, identify, labelled_pixels, relabel
 from trinolab.identity.hypotheses import Explained, Observed, Poses
+from trinolab.identity.identify import _alternatives
 from trinolab.identity.layout import layout_of, views_of
 from trinolab.identity.parameters import IdentityParameters
 from trinolab.identity.scoring import judge, rivals, shape_misfit
@@ -245,6 +246,16 @@ def test_a_pose_that_explains_more_but_does_not_fit_is_a_rival():
     assert verdict.holds.tolist() == [True, False, False]
     assert verdict.strained.tolist() == [False, True, True]
     assert rivals(0, explained, verdict, np.zeros(3), p).tolist() == [True, True, False]
+
+
+def test_a_pose_that_explains_nothing_is_not_the_best_one():
+    """Although it costs less than the one that holds."""
+    labels = np.stack([np.tile(np.arange(6), (2, 1)), np.full((2, 6), -1)])
+    none = np.zeros((2, 2))
+    explained = Explained(labels, 0.0 * labels, none, none, np.array([1.0, 0.0]), np.zeros(2, int))
+    poses = Poses(np.tile(np.eye(3), (2, 1, 1)), np.array([[0.0, 0.0, 560.0], [0.0, 0.0, 900.0]]))
+    best, *_ = _alternatives(poses, explained, np.zeros(2), [6, 6], CODED, P)
+    assert best.T_world_handle.translation[2] == 560.0
 
 
 def test_relabelling_follows_the_equivalent_pose():
