@@ -163,6 +163,14 @@ def test_depth_sigma_is_that_of_many_draws():
     assert scatter == pytest.approx(drawn[0].ahead[0], rel=0.15)
 
 
+def test_three_markers_nearly_on_a_line_are_no_triplet():
+    """They span 0.044 and 0.055 of the square of the radius; the limit is 0.05."""
+    for apart_deg, some in ((26.0, False), (28.0, True)):
+        columns = (0.0, apart_deg, 2 * apart_deg)
+        handle = Handle("arc", 5.0, 100.0, 50.0, 1.0, columns, ((0.0,),) * 3)
+        assert layout_of(handle, P).triplets.any() == some
+
+
 def test_among_the_depths_of_three_points_are_the_true_ones():
     rng, triplets = np.random.default_rng(7), np.argwhere(layout_of(CODED, P).triplets)
     for _ in range(60):
