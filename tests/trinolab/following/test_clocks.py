@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from scipy.optimize import least_squares
+from scipy.spatial.transform import RigidTransform
 
 from trinolab.camera import RigCovariance
 from trinolab.datasets import load_rig
@@ -68,6 +69,15 @@ def test_a_pair_takes_a_shift_along_its_baseline_for_a_distance():
     turn = np.rad2deg(2 * table["systematic_mm"] / 549.0)
     np.testing.assert_allclose(table["sigma_deg"] ** 2, turn**2 + 0.16, rtol=0.01)
     np.testing.assert_allclose(table["systematic_deg"] ** 2, turn**2 + 0.09, rtol=0.01)
+
+
+def test_the_world_frame_does_not_matter():
+    shift = RigidTransform.from_translation([100.0, 0.0, 0.0])
+    cameras = [replace(one, T_cam_world=one.T_cam_world * shift.inv()) for one in PAIR.cameras]
+    elsewhere = track(100.0).assign(x_mm=lambda table: table["x_mm"] + 100.0)
+    found = widened(elsewhere, late(5.0), replace(PAIR, cameras=tuple(cameras)))
+    expected = widened(track(100.0), late(5.0), PAIR)
+    pd.testing.assert_frame_equal(found.drop(columns="x_mm"), expected.drop(columns="x_mm"))
 
 
 @pytest.mark.parametrize(
