@@ -22,6 +22,7 @@ from trinolab.workspace.cones import (
     inside,
     paper_cones,
 )
+from trinolab.workspace.extent import _circles_meet
 
 DEG20 = np.deg2rad(20.0)
 UP, DOWN = [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]
@@ -270,6 +271,13 @@ def test_status(name):
 
 
 # --- cameras
+
+
+def test_circles_meet_in_two_directions_at_both_angles():
+    axes = np.array([UP, [0.6, 0.0, 0.8]])
+    directions = _circles_meet(*axes, 0.4, 0.6)
+    np.testing.assert_allclose(directions @ axes.T, np.cos([[0.4, 0.6]] * 2), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(directions, axis=1), 1.0)
 
 
 def test_half_angle_of_ccd1():
