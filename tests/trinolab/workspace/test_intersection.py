@@ -244,6 +244,7 @@ def test_box_and_ball_against_another_optimiser(cones):
 
 ONE, TURNED = Cone([0, 0, 0], UP, DEG20), [np.sin(2 * DEG20), 0, np.cos(2 * DEG20)]
 ON_SURFACE = [10 * np.sin(DEG20), 0, 10 * np.cos(DEG20)]
+FURTHER = [np.sin(2 * DEG20 + 1e-7), 0, np.cos(2 * DEG20 + 1e-7)]
 NEEDLE = Cone([0, 0, 0], UP, 1e-4)
 HOSTILE = {
     "facing away": ([Cone([0, 0, 0], DOWN, DEG20), Cone([0, 0, 100], UP, DEG20)], "empty"),
@@ -252,6 +253,7 @@ HOSTILE = {
     "one alone": ([ONE], "unbounded"),
     "a common direction, apart": ([ONE, Cone([100, 0, 0], TURNED, DEG20)], "empty"),
     "a common direction, overlapping": ([ONE, Cone([-100, 0, 0], TURNED, DEG20)], "unbounded"),
+    "an end too far away": ([ONE, Cone([-100, 0, 0], FURTHER, DEG20)], "unbounded"),
     "needles that miss": ([NEEDLE, Cone([5, 1, 10], [-1, 0, 0], 1e-4)], "empty"),
     "needles that meet": ([NEEDLE, Cone([5, 0, 10], [-1, 0, 0], 1e-4)], "bounded"),
     "nearly half-spaces": (facing(1.57, h=1), "bounded"),
