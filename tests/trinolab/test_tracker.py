@@ -93,12 +93,8 @@ def rendered(k=None):
 
 
 @pytest.mark.parametrize("every", [6, pytest.param(1, marks=pytest.mark.heavy)])
-def test_a_known_start_carries_the_equivalent_through_the_clip(every, monkeypatch):
+def test_a_known_start_carries_the_equivalent_through_the_clip(every):
     """Also where frames are dropped."""
-    windows = []
-    monkeypatch.setattr(
-        tracker, "measure", lambda *a: windows.append(a[-1]) or measurement.measure(*a)
-    )
     empty = rendered()
     state = start(empty, RIG, -1 / 30, POSES[0])
     for k in range(0, len(POSES), every):
@@ -109,9 +105,6 @@ def test_a_known_start_carries_the_equivalent_through_the_clip(every, monkeypatc
         assert angle < 5.0  # a flip would be 60 deg
         assert state.pose is found.pose.T_world_handle
         assert (state.t_s, state.measured_s) == (k / 30, k / 30)
-        # by the diameter of the smallest marker
-        around = tuple(camera.window.grown(4).clipped(IMAGE[::-1]) for camera in state.cameras)
-        assert windows[-1] == around
     # nothing moves any more: the search is where the motion leads, until that is out of sight
     gone, found = step(state, empty, state.t_s + 1 / 30, RIG, PAPER)
     assert found.pose.status == "lost"
