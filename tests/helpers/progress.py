@@ -7,15 +7,15 @@ from collections import Counter
 
 # Processor time of each area's tests, in units of `unit_s`; the last line of a run measures it.
 COSTS = {
-    "tests/trinolab": 900,
-    "tests/workbench": 1330,
-    "tests/repository": 540,
-    "tests/tables": 60,
-    "book/satellites/accept": 190,
-    "book/satellites/bags": 90,
-    "book/satellites/classkit": 120,
-    "book/satellites/live": 340,
-    "book/satellites/second": 45,
+    "tests/trinolab": 830,
+    "tests/workbench": 1220,
+    "tests/repository": 500,
+    "tests/tables": 55,
+    "book/satellites/accept": 175,
+    "book/satellites/bags": 85,
+    "book/satellites/classkit": 110,
+    "book/satellites/live": 310,
+    "book/satellites/second": 40,
 }
 
 

@@ -36,7 +36,8 @@ def write_picture(page: Path, out: Path = OUT) -> None:
         browser.close()
     shown = np.asarray(cv2.imdecode(np.frombuffer(shot, np.uint8), cv2.IMREAD_COLOR))
     shown = cv2.resize(shown, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
-    cv2.imwrite(str(out), shown, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    _, coded = cv2.imencode(".webp", shown, [cv2.IMWRITE_WEBP_QUALITY, QUALITY])
+    out.write_bytes(coded.tobytes())
 
 
 if __name__ == "__main__":
