@@ -105,13 +105,22 @@ def build(site: Path = SITE) -> None:
         _write(site / "browser_numbers.html", page_of(pd.read_csv(TABLE, keep_default_na=False)))
 
 
-def cells_of(chapter: Path) -> list[dict[str, Any]]:
-    """The code cells of a chapter, in order, as the page's script takes them."""
-    cells = read_notebook(chapter).cells
-    return [{"source": cell.source} for cell in cells if cell.cell_type == "code"]
+def cells_of(chapter: Path) -> list[dict[str, str]]:
+    """The code cells that a chapter's page shows, in order, as the page's script takes them; each with
+    the source of the cells that follow it and are removed from the page.
+    """
+    shown = list[dict[str, str]]()
+    for cell in read_notebook(chapter).cells:
+        if cell.cell_type != "code":
+            continue
+        if "remove-cell" in cell.metadata.get("tags", ()):
+            shown[-1]["after"] += cell.source + "\n"
+        else:
+            shown.append({"source": cell.source, "after": ""})
+    return shown
 
 
-def with_cells(page: str, cells: list[dict[str, Any]]) -> str:
+def with_cells(page: str, cells: list[dict[str, str]]) -> str:
     """A chapter's page with its cells as data, and the script that runs them.
 
     Raises

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pages import HTML, built
 
 from trinolab.bench.rendering import made_from, scripted, write_recording
 from trinolab.datasets import load_handle, load_rig
@@ -28,6 +29,13 @@ def test_a_page_gets_its_cells_as_data_that_no_script_ends():
     assert json.loads(data) == cells
     with pytest.raises(ValueError, match="1 cells of code, the notebook has 2"):
         site.with_cells(PAGE, cells * 2)
+
+
+@built
+def test_a_page_shows_the_cells_that_are_its_data():
+    for path in chapters():
+        page = HTML / "notebooks" / f"{path.stem}.html"
+        site.with_cells(page.read_text(encoding="utf-8"), site.cells_of(path))
 
 
 def test_an_image_of_a_recording_comes_back_from_its_difference(tmp_path, monkeypatch):
@@ -97,7 +105,9 @@ def test_what_is_left_out_of_the_runtime_is_imported_by_nothing_that_runs_there(
         if name.endswith(".py")
         and "workbench/pages/" not in name  # these build, and do not run there
     ]
-    sources += [cell["source"] for path in chapters() for cell in site.cells_of(path)]
+    sources += [
+        cell["source"] + "\n" + cell["after"] for path in chapters() for cell in site.cells_of(path)
+    ]
     imported = {name for source in sources for name in imports(source)}
     assert "numpy" in imported
     assert not imported & set(site.LEFT_OUT.split())

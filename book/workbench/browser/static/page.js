@@ -28,8 +28,8 @@ class Edits {
 
 /** One cell of code on the page. */
 class Cell {
-    constructor(place, stored, number, book) {
-        Object.assign(this, { place, stored, number, book });
+    constructor(place, stored, after, number, book) {
+        Object.assign(this, { place, stored, after, number, book });
         this.input = place.querySelector('.cell_input');
         this.output = place.querySelector('.cell_output');
         this.status = element('span', { className: 'browser-status' });
@@ -117,14 +117,19 @@ class Cell {
         this.say('running');
         this.result.replaceChildren();
         const begin = performance.now();
-        const { error, memory } = await runtime.run(this.source, {
-            name: `cell_${this.number + 1}`,
+        const name = `cell_${this.number + 1}`;
+        const keep = output => {
+            if (output.type === 'glue') this.book.glued[output.name] = output.value;
+        };
+        let { error, memory } = await runtime.run(this.source, {
+            name,
             onoutput: output => {
-                if (output.type === 'glue') this.book.glued[output.name] = output.value;
+                keep(output);
                 show(output, this.result);
                 this.result.hidden = this.result.childElementCount === 0;
             },
         });
+        if (!error && this.after) ({ error, memory } = await runtime.run(this.after, { name, onoutput: keep }));
         this.book.memory(memory);
         const seconds = ((performance.now() - begin) / 1000).toFixed(1);
         if (error?.cannot) {
@@ -180,7 +185,7 @@ class Book {
             button('Restart', () => this.restart()), this.share, this.said, this.used);
         this.bar.setAttribute('role', 'region');
         this.bar.setAttribute('aria-label', 'Run this chapter in the browser');
-        this.cells = stored.map(({ source }, k) => new Cell(places[k], source, k, this));
+        this.cells = stored.map(({ source, after }, k) => new Cell(places[k], source, after, k, this));
         document.querySelector('article.bd-article h1').after(this.bar);
         this.running = false;
         this.glued = {}; // the numbers that the text quotes, as they came out here
