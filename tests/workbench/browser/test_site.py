@@ -34,7 +34,7 @@ def test_a_page_gets_its_cells_as_data_that_no_script_ends():
 @built
 def test_a_page_shows_the_cells_that_are_its_data():
     for path in chapters():
-        page = HTML / "notebooks" / f"{path.stem}.html"
+        page = HTML / path.relative_to(site.ROOT).with_suffix(".html")
         site.with_cells(page.read_text(encoding="utf-8"), site.cells_of(path))
 
 
@@ -105,9 +105,7 @@ def test_what_is_left_out_of_the_runtime_is_imported_by_nothing_that_runs_there(
         if name.endswith(".py")
         and "workbench/pages/" not in name  # these build, and do not run there
     ]
-    sources += [
-        cell["source"] + "\n" + cell["after"] for path in chapters() for cell in site.cells_of(path)
-    ]
+    sources += ["\n".join(cell.values()) for path in chapters() for cell in site.cells_of(path)]
     imported = {name for source in sources for name in imports(source)}
     assert "numpy" in imported
     assert not imported & set(site.LEFT_OUT.split())
