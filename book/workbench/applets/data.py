@@ -93,7 +93,7 @@ def nextplace(
     expected = image_track.track(times, z, p, False).predicted.mean[:, :2]
     rules = {
         "last place": z[:-1],
-        "last place + last step": np.concatenate([z[:1], 2 * z[1:-1] - z[:-2]]),
+        "last step": np.concatenate([z[:1], 2 * z[1:-1] - z[:-2]]),
         "the filter": expected[1:],
     }
     return {

@@ -106,7 +106,7 @@
       label: 'Game: say where the handle will be in the next frame',
       controls: [],
       legend: [['ink', 'places so far (ring: the last)'], ['one', 'you (dashed: the cross for keys)'], ['three', 'last place'],
-        ['five', 'last place + last step'], ['two', 'the filter']],
+        ['five', 'last step'], ['two', 'the filter']],
       handles: [{node: surface}],
       below: [board.node],
       reset: () => {
