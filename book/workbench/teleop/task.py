@@ -65,7 +65,7 @@ LEGS = (
     Leg(4.4, COARSE),
     Leg(5.3, COARSE, tool=(SIDE_MM[0], _FRONT_Y - 30, 100.0)),
     Leg(5.8, COARSE),
-    Leg(6.9, None, hand=(0.0, 0.0, 560.0)),  # the stroke of the clutch: the hand comes back
+    Leg(6.9, None, hand=(0.0, 0.0, 560.0)),  # the clutch is open: the hand comes back
     Leg(7.2, None),
     Leg(8.2, COARSE, tool=(-430.0, 150.0, 130.0)),  # a camera is covered
     Leg(9.0, COARSE, tool=(-480.0, 190.0, 90.0)),

@@ -62,7 +62,7 @@ def ordinary(t):
 
 
 def through_the_wrist(t):
-    """The fifth joint through 0, where two axes fall together; and off the way on which it would be
+    """The fifth joint through 0, where four axes are parallel; and off the way on which it would be
     easy.
     """
     q = np.array(ROBOT.home)
