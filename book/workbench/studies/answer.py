@@ -141,11 +141,11 @@ def sentences(found: Facts | None = None) -> tuple[str, ...]:
         f"random: independent from pose to pose, with a standard deviation of {np.mean(f.scatter_mm):.1f} mm in "
         "each direction.",
         "Errors of two cameras' images would look different, since they act mainly along the depth. "
-        "Whatever their size, they account for at most about a third of the mean square "
-        f"({least:.0f} to {most:.0f} %); with the sizes that we assume, all known sources account for "
-        f"{100 * f.assumed_share:.0f} %.",
-        f"Each angle has nearly the same error in all poses, {low:.1f}° to {high:.1f}°, as if its scale "
-        "were read from a wrong zero.",
+        "Whatever their size, they explain at most about a third of the squared position error "
+        f"({least:.0f} to {most:.0f} %); with the sizes that we assume, all known sources together "
+        f"explain {100 * f.assumed_share:.0f} %.",
+        f"Each angle has nearly the same error in all poses, {low:.1f}° to {high:.1f}°, as if it had been "
+        "read from a scale with a wrong zero.",
         "Twenty poses are too few to tell which part of the set-up caused these errors.",
     )
 
