@@ -84,7 +84,7 @@ def applet_html(name: str, parameters: dict[str, Any], shared: bool = True) -> s
     scripts.append(_script(name))
     return (
         f'{style}<div class="applet" data-applet="{name}">'
-        "<p>A picture to be moved stands here, where JavaScript runs.</p>"
+        "<p>An interactive picture appears here if JavaScript is switched on.</p>"
         f'<script type="application/json">{_embedded(json.dumps(known))}</script></div>\n'
         + "".join(f"<script>\n{_embedded(script)}</script>\n" for script in scripts)
     )
