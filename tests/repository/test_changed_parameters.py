@@ -81,7 +81,7 @@ def test_a_small_q_loses_rectangles_and_poses():
 @pytest.mark.heavy
 def test_the_ncc_threshold_moves_verdict_figure_and_closing_errors():
     found, results = runs("06_matching", "ncc_threshold", (-1.0, 0.5, 0.65, 0.9), row_step=20)
-    for name, falls in (("left_wrong", True), ("lost_right", False)):
+    for name, falls in (("left_wrong", True), ("lost_correct", False)):
         values = [one[name] for one in results]
         assert values == sorted(set(values), reverse=falls)
     assert differ(found, "df66bd19", "image/png")
