@@ -40,9 +40,8 @@ PARTS = {
     "chapter": "toy",
     "parameter": "ncc_threshold",
     "defaults": {"ncc_threshold": 0.5},
-    "parameters": 2,
-    "once": ["from myst_nb import glue", "ncc_threshold = 0.5", ""],
-    "held": ["glue"],
+    "verdicts": [],
+    "once": {"1": "from myst_nb import glue"},
 }
 AT_WORK = "while ncc_threshold == 3:\n    pass"
 
@@ -77,11 +76,7 @@ def status(browser, place):
 
 
 def toy(waits):
-    each = [
-        "",
-        "ncc_threshold = 0.5",
-        f"{AT_WORK if waits else ''}\nglue('twice', 2 * ncc_threshold)",
-    ]
+    each = {"3": f"{AT_WORK if waits else ''}\nglue('twice', 2 * ncc_threshold)"}
     return TOY.replace("{toy}", json.dumps({**PARTS, "each": each}))
 
 
