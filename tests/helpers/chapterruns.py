@@ -5,9 +5,10 @@ what they glue, and of the words that their text has typed beside it.
 import ast
 import re
 import tomllib
+from functools import cache
 from pathlib import Path
 
-from chapters import NOTEBOOKS, is_study
+from chapters import is_study
 
 from workbench.course.editions import GLUED
 from workbench.sweep.notebook import read_notebook
@@ -53,7 +54,8 @@ def _literal(text):
         return text
 
 
-def _settings(path):
+@cache
+def settings(path):
     """A chapter's parameters at the low and at the high ends of their ranges; the latter with
     another seed.
     """
@@ -66,9 +68,6 @@ def _settings(path):
     seed = {"seed": 1} if "\nseed = " in cell.source else {}
     low, high = ({name: pair[k] for name, pair in ends.items()} for k in (0, 1))
     return {"low": low, "high": {**high, **seed}}
-
-
-SETTINGS = {path.stem: _settings(path) for path in NOTEBOOKS}
 
 
 def check_results(name, results):

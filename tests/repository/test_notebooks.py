@@ -11,7 +11,7 @@ from functools import cache
 
 import nbformat
 import pytest
-from chapterruns import SETTINGS, SMALL, TYPED, check_results, false_sentences, typed_words
+from chapterruns import SMALL, TYPED, check_results, false_sentences, settings, typed_words
 from chapters import LESSONS, NOTEBOOKS
 from executed import as_it_stands
 from nbformat.v4 import new_code_cell
@@ -42,7 +42,7 @@ def without_figure(run):
 @each_notebook
 def test_every_chapter_has_its_settings(path):
     assert path.stem in SMALL, "what makes it small"
-    low, high = SETTINGS[path.stem].values()
+    low, high = settings(path).values()
     defaults = read_parameters(path)
     assert low, "no parameter has a range behind it, as in 'alpha, 0.002 to 0.2'"
     assert all(defaults[name] != high[name] or low[name] != high[name] for name in low)
@@ -77,7 +77,7 @@ def two_lessons():
 
 
 def check_at(end, path):
-    parameters = SETTINGS[path.stem][end] | SMALL[path.stem]
+    parameters = settings(path)[end] | SMALL[path.stem]
     notebook = read_notebook(path)
     notebook.cells.insert(0, new_code_cell(UNDRAWN))
     job = notebook_job(path, keep=True)._replace(text=json.dumps(notebook))

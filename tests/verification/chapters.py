@@ -3,22 +3,20 @@ size, and look at the chapters as they stand.
 """
 
 import time
-from pathlib import Path
 
-from chapterruns import SETTINGS, check_results, false_sentences
+from chapterruns import check_results, false_sentences, settings
+from chapters import NOTEBOOKS
 
 from workbench.sweep.notebook import read_parameters, run_notebook
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 def report(arguments) -> bool:
     """Whether no sentence contradicts its numbers."""
     print("chapters: run at both ends of their parameters' ranges in full size")
     wrong = 0
-    for name, ends in SETTINGS.items():
-        path = ROOT / "notebooks" / f"{name}.ipynb"
-        for parameters in ends.values():
+    for path in NOTEBOOKS:
+        name = path.stem
+        for parameters in settings(path).values():
             begin = time.perf_counter()
             run = run_notebook(path, parameters)
             check_results(name, run.results)

@@ -25,7 +25,7 @@ EFFECTS = 3  # rows that are named for each
 
 
 def ranges(board: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows of the front that have ranges: the value, its verdict as assumed, and each other choice that
+    """Rows of the front that have ranges: the number, the verdict as assumed, and each other choice that
     was run, with its verdict, whether that is the opposite one, and the relative change.
     """
     rows = {str(row.no): row for row in board.itertuples()}
@@ -48,14 +48,7 @@ def ranges(board: pd.DataFrame) -> list[dict[str, Any]]:
             if other.verdict != "not run"
         ]
         if others:
-            shown = {
-                "no": claim.no,
-                "ours": row.ours,
-                "unit": row.unit,
-                "verdict": row.verdict,
-                **_interval(row.low, row.high),
-            }
-            found.append({"row": shown, "as_assumed": as_assumed, "others": others})
+            found.append({"no": claim.no, "as_assumed": as_assumed, "others": others})
     return found
 
 
@@ -70,8 +63,7 @@ def decisive(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
     effects: dict[str, list[dict[str, Any]]] = {}
     for one in found:
         for other in one["others"]:
-            row = {name: one["row"][name] for name in ("no", "ours", "unit")}
-            effects.setdefault(other["assumption"], []).append(row | other)
+            effects.setdefault(other["assumption"], []).append({"no": one["no"], **other})
 
     def strength(effect: dict[str, Any]) -> tuple[bool, float]:
         return effect["turned"], effect["change"]

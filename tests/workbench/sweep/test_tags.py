@@ -8,7 +8,7 @@ from pathlib import Path
 
 import psutil
 import pytest
-from chapterruns import SETTINGS, SMALL
+from chapterruns import SMALL, settings
 from chapters import NOTEBOOKS, is_study
 from makenotebook import glued, make_notebook
 from processes import ended, is_running, started, wait_until
@@ -184,11 +184,10 @@ def test_what_changes_nothing_is_reported(tmp_path, caplog):
 
 
 @pytest.mark.heavy
-@pytest.mark.parametrize("name", SETTINGS)
-def test_a_chapter_by_its_tags_gives_what_it_gives_whole(name):
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_chapter_by_its_tags_gives_what_it_gives_whole(path):
     """In its small size, at the high end of its ranges."""
-    high = SETTINGS[name]["high"]
-    path = NOTEBOOKS[[path.stem for path in NOTEBOOKS].index(name)]
+    name, high = path.stem, settings(path)["high"]
     swept = SWEEPS[name].parameter if name in SWEEPS else next(iter(high))
     notebook = read_notebook(path)
     plan = plan_cells(notebook, [swept])
