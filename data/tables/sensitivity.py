@@ -95,6 +95,8 @@ class World:
         Whether the pair is measured with R_rl as printed.
     late_s : float
         By which CCD2 exposes after the others.
+    full_range : bool
+        Whether a corner of each image has the grey values 0 and 255: the first bounds of Eq. 16.
     """
 
     setup: factors.Setup
@@ -103,6 +105,7 @@ class World:
     told: bool = True
     as_printed: bool = False
     late_s: float = 0.0
+    full_range: bool = False
 
 
 class Case(NamedTuple):
@@ -233,6 +236,7 @@ CASES = (
         _with(bench=Bench(shot_variance=4 * Bench().shot_variance, read_noise=3.0)),
     ),
     Case("A22", "a handle that moves by 50 mm/s", _moving(50.0)),
+    Case("A26", "first bounds 0 and 255", lambda world: replace(world, full_range=True)),
     Case("A27", "lambda = 1", _measured_by(markers=MarkerParameters(surplus=1.0))),
     Case("A27", "lambda = 2.5", _measured_by(markers=MarkerParameters(surplus=2.5))),
     Case("A28", "epsilon_0 = 0.8", _measured_by(matching=MatchParameters(ncc_threshold=0.8))),
@@ -282,6 +286,9 @@ def images_of(world: World, k: int, draw: int) -> list[np.ndarray]:
         later = poses.translation + world.late_s * world.setup.velocity
         moved = world.setup._replace(poses=RigidTransform.from_components(later, poses.rotation))
         images[1] = factors.frames(moved, k, np.random.default_rng([SEED, draw, k]))[1]
+    for image in images if world.full_range else ():
+        image[:8, :8] = 0
+        image[:8, 8:16] = 255
     return images
 
 
