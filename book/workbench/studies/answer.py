@@ -1,6 +1,6 @@
 """The answer to the question that a reader brings: where do the paper's 0.31 mm come from?
 
-Four sentences, whose numbers come from Table 1, the error budget and the tests of its pattern. The
+Four statements, whose numbers come from Table 1, the error budget and the tests of its pattern. The
 start page, the scoreboard, the report, the article and chapter 9 begin with them. Chapter 9.
 """
 
