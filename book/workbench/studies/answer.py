@@ -18,8 +18,7 @@ from .pattern import smooth_share
 
 LEVEL = 0.05
 PAPER_MM = 0.31  # Sect. 6.5
-# Words in the names of models in which something was set wrongly. In all other models the errors
-# come from images and cameras alone.
+# Words in the names of models that set something wrongly; in all others images and cameras err.
 SET_WRONGLY = ("set", "reference", "misaligned", "clamped")
 
 
@@ -34,13 +33,11 @@ class Facts(NamedTuple):
         Standard deviations of its position errors in x, y and z.
     isotropic_p : float
         Of Mauchly's test that these are equal.
-    by_points, by_rods, by_paper : isotropy.Bound
+    by_images : tuple of isotropy.Bound
         The share of the mean square for which random errors of the images account, of any size: with
-        the covariance of a triangulated point, of the rod by least squares, and of the rod by Eq. 20
-        to 24.
+        the covariance of the rod by Eq. 20 to 24, of the rod by least squares, and of a point.
     elongation : float
-        Of these covariances: the largest standard deviation in a pose, divided by the smallest; the
-        least of all poses.
+        Largest standard deviation of such an error, divided by the smallest; the least of all poses.
     assumed_share : float
         Of the mean square after the registration, for which errors of the assumed sizes account:
         images, calibration, platform, digits.
@@ -61,9 +58,7 @@ class Facts(NamedTuple):
     E_t_mm: float
     scatter_mm: tuple[float, ...]
     isotropic_p: float
-    by_points: isotropy.Bound
-    by_rods: isotropy.Bound
-    by_paper: isotropy.Bound
+    by_images: tuple[isotropy.Bound, ...]
     elongation: float
     assumed_share: float
     smooth_p: float
@@ -92,20 +87,18 @@ def facts(draws: int = 4000, seed: int = 0) -> Facts:
         for model, some in offsets.groupby("model", sort=False)
         if not any(word in str(model) for word in SET_WRONGLY)
     }
-    rig, rod = load_rig("paper_pair"), load_handle("paper")
-    trial = error_sources.make_trial(rig, rod, table.set_poses)
-    by_images = [
-        isotropy.of_points(rig, positions),
-        isotropy.of_rods(rig, rod, table.set_poses),
+    trial = error_sources.make_trial(load_rig("paper_pair"), load_handle("paper"), table.set_poses)
+    covariances = [
         isotropy.of_source(error_sources.pixel_noise(trial, 1.0)),
+        isotropy.of_rods(trial.rig, trial.handle, table.set_poses),
+        isotropy.of_points(trial.rig, positions),
     ]
-    variances = np.linalg.eigvalsh(by_images)
     return Facts(
         float(np.linalg.norm(places, axis=1).mean()),
         tuple(map(float, places.std(axis=0, ddof=1))),
         isotropy.mauchly(places),
-        *(isotropy.of_images(places, positions, one, LEVEL) for one in by_images),
-        float(np.sqrt(variances[..., 2] / variances[..., 0]).min()),
+        tuple(isotropy.of_images(places, positions, one, LEVEL) for one in covariances),
+        float(np.sqrt(np.linalg.cond(covariances).min())),
         float((rows["certain: drawn together"] / rows["Table 1"]) ** 2),
         float((smooth_share(positions, chance) <= smooth).mean()),
         float(constant),
@@ -124,13 +117,12 @@ def checked(found: Facts) -> Facts:
     ValueError
         Names the part of a sentence that they do not support.
     """
-    by_images = (found.by_points, found.by_rods, found.by_paper)
-    most = [bound.at_most for bound in by_images]
+    most = [bound.at_most for bound in found.by_images]
     parts = {
         "the mean position error of the printed table": abs(found.E_t_mm - PAPER_MM) <= 0.005,
         "independent from pose to pose": LEVEL / 2 < found.smooth_p < 1 - LEVEL / 2,
         "in each direction": found.isotropic_p > LEVEL,
-        "would look different": min(bound.refused for bound in by_images) > 20.0,
+        "would look different": min(bound.refused for bound in found.by_images) > 20.0,
         "much larger in one direction": found.elongation > 2.0,
         "they explain at most": max(most) < 0.5,
         "the sizes that we assume": found.assumed_share < min(most),
@@ -146,7 +138,7 @@ def checked(found: Facts) -> Facts:
 def sentences(found: Facts | None = None) -> tuple[str, ...]:
     """The answer, no stronger than the facts; by default those of the shipped tables."""
     f = checked(found or facts())
-    most = [100 * bound.at_most for bound in (f.by_points, f.by_rods, f.by_paper)]
+    most = [100 * bound.at_most for bound in f.by_images]
     alpha, beta, gamma = f.offsets_deg
     return (
         f"The {PAPER_MM} mm is indeed the mean position error of the printed table. The table's "
