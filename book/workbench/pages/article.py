@@ -126,7 +126,6 @@ def _of_table1(facts: cause.Facts) -> dict[str, Any]:
     angles = deviations.exact([table.measured], table.set_poses).angles_deg[0]
     budget = _budget()
     patterns = load_sweep("patterns")
-    by_images = (facts.by_rods, facts.by_points)
     of_points = isotropy.of_points(load_rig("paper_pair"), table.set_poses.translation)
     per_px = np.sqrt(of_points.mean(axis=0).diagonal())
     return {
@@ -135,8 +134,8 @@ def _of_table1(facts: cause.Facts) -> dict[str, Any]:
         "scatter_mm": _listed([f"{value:.2f}" for value in facts.scatter_mm]),
         "isotropic_p": f"{facts.isotropic_p:.2f}",
         "per_px": _listed([f"{value:.2f}" for value in per_px]),
-        "refused": " and ".join(f"{bound.refused:.0f}" for bound in by_images),
-        "at_most": " and ".join(f"{100 * bound.at_most:.0f} %" for bound in by_images),
+        "refused": _listed([f"{bound.refused:.0f}" for bound in facts.by_images]),
+        "at_most": _listed([f"{100 * bound.at_most:.0f} %" for bound in facts.by_images]),
         "assumed_mm": f"{budget.loc['certain', 'mm']:.2g}",
         "table_mm": f"{budget.loc['Table 1', 'mm']:.2g}",
         "smooth_p": f"{facts.smooth_p:.2f}",

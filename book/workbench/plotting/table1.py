@@ -161,7 +161,7 @@ def plot_power(
     distances_mm: ArrayLike,
     moved_mm: ArrayLike,
     observed_mm: float,
-    power: Mapping[str, ArrayLike],
+    power: ArrayLike,
 ) -> Figure:
     """What a clamp at several distances would do, and how surely a test would find it.
 
@@ -173,21 +173,19 @@ def plot_power(
         Mean position errors that it makes.
     observed_mm : float
         The mean position error of Table 1, a line.
-    power : mapping of str to array_like, shape (n,)
-        From the name of a test to the share of tables in which it finds the clamp.
+    power : array_like, shape (n,)
+        Share of tables in which the test finds the clamp.
     """
     figure, (left, right) = row_of_panels(2, (COLUMN_IN, 3.0))
     left.plot(distances_mm, moved_mm, color=COLOURS[0], label="the clamp alone")
     left.axhline(observed_mm, color="black", linestyle="--", label="Table 1")
     left.set(ylabel="mean position error / mm", ylim=(0, None))
-    styles = ("o-", "^-", "s-")
-    for (name, shares), colour, style in zip(power.items(), COLOURS, styles, strict=False):
-        right.plot(distances_mm, shares, style, color=colour, label=name, markersize=4)
+    left.legend()
+    right.plot(distances_mm, power, "o-", color=COLOURS[0], markersize=4)
     right.set(ylabel="share of tables that show it", ylim=(0, 1.03))
     for ax in (left, right):
         ax.set(xlabel="clamp's distance from the origin / mm", xlim=(0, None))
         ax.grid(alpha=0.3)
-        ax.legend()
     return figure
 
 

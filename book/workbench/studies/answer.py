@@ -1,6 +1,6 @@
 """The answer to the question that a reader brings: where do the paper's 0.31 mm come from?
 
-Four sentences, whose numbers come from Table 1, the error budget and the tests of its pattern. The
+Four statements, whose numbers come from Table 1, the error budget and the tests of its pattern. The
 start page, the scoreboard, the report, the article and chapter 9 begin with them. Chapter 9.
 """
 
@@ -12,15 +12,13 @@ import numpy as np
 
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 
-from . import isotropy
+from . import error_sources, isotropy
 from .deviations import exact
 from .pattern import smooth_share
 
 LEVEL = 0.05
 PAPER_MM = 0.31  # Sect. 6.5
-A_THIRD = (0.2, 0.4)  # what "about a third" may be
-# Words in the names of models in which something was set wrongly. In all other models the errors
-# come from images and cameras alone.
+# Words in the names of models that set something wrongly; in all others images and cameras err.
 SET_WRONGLY = ("set", "reference", "misaligned", "clamped")
 
 
@@ -35,9 +33,11 @@ class Facts(NamedTuple):
         Standard deviations of its position errors in x, y and z.
     isotropic_p : float
         Of Mauchly's test that these are equal.
-    by_points, by_rods : isotropy.Bound
-        The share of the mean square for which errors of the images account, of any size: with the
-        covariance of a triangulated point, and of a pose of the rod by least squares.
+    by_images : tuple of isotropy.Bound
+        The share of the mean square for which random errors of the images account, of any size: with
+        the covariance of the rod by Eq. 20 to 24, of the rod by least squares, and of a point.
+    elongation : float
+        Largest standard deviation of such an error, divided by the smallest; the least of all poses.
     assumed_share : float
         Of the mean square after the registration, for which errors of the assumed sizes account:
         images, calibration, platform, digits.
@@ -58,8 +58,8 @@ class Facts(NamedTuple):
     E_t_mm: float
     scatter_mm: tuple[float, ...]
     isotropic_p: float
-    by_points: isotropy.Bound
-    by_rods: isotropy.Bound
+    by_images: tuple[isotropy.Bound, ...]
+    elongation: float
     assumed_share: float
     smooth_p: float
     constant_share: float
@@ -87,14 +87,18 @@ def facts(draws: int = 4000, seed: int = 0) -> Facts:
         for model, some in offsets.groupby("model", sort=False)
         if not any(word in str(model) for word in SET_WRONGLY)
     }
-    rig = load_rig("paper_pair")
-    of_rods = isotropy.of_rods(rig, load_handle("paper"), table.set_poses)
+    trial = error_sources.make_trial(load_rig("paper_pair"), load_handle("paper"), table.set_poses)
+    covariances = [
+        isotropy.of_source(error_sources.pixel_noise(trial, 1.0)),
+        isotropy.of_rods(trial.rig, trial.handle, table.set_poses),
+        isotropy.of_points(trial.rig, positions),
+    ]
     return Facts(
         float(np.linalg.norm(places, axis=1).mean()),
         tuple(map(float, places.std(axis=0, ddof=1))),
         isotropy.mauchly(places),
-        isotropy.of_images(places, positions, isotropy.of_points(rig, positions), LEVEL),
-        isotropy.of_images(places, positions, of_rods, LEVEL),
+        tuple(isotropy.of_images(places, positions, one, LEVEL) for one in covariances),
+        float(np.sqrt(np.linalg.cond(covariances).min())),
         float((rows["certain: drawn together"] / rows["Table 1"]) ** 2),
         float((smooth_share(positions, chance) <= smooth).mean()),
         float(constant),
@@ -113,16 +117,16 @@ def checked(found: Facts) -> Facts:
     ValueError
         Names the part of a sentence that they do not support.
     """
-    refused = min(found.by_points.refused, found.by_rods.refused)
-    most = (found.by_rods.at_most, found.by_points.at_most)
+    most = [bound.at_most for bound in found.by_images]
     parts = {
         "the mean position error of the printed table": abs(found.E_t_mm - PAPER_MM) <= 0.005,
         "independent from pose to pose": LEVEL / 2 < found.smooth_p < 1 - LEVEL / 2,
         "in each direction": found.isotropic_p > LEVEL,
-        "would look different": refused > 20.0,
-        "at most about a third": A_THIRD[0] < min(most) and max(most) < A_THIRD[1],
+        "would look different": min(bound.refused for bound in found.by_images) > 20.0,
+        "much larger in one direction": found.elongation > 2.0,
+        "they explain at most": max(most) < 0.5,
         "the sizes that we assume": found.assumed_share < min(most),
-        "nearly the same error in all poses": found.constant_share > 0.5,
+        "mostly constant": found.constant_share > 0.5,
         "too few to tell": len(found.left) != 1,
     }
     for part, holds in parts.items():
@@ -134,18 +138,19 @@ def checked(found: Facts) -> Facts:
 def sentences(found: Facts | None = None) -> tuple[str, ...]:
     """The answer, no stronger than the facts; by default those of the shipped tables."""
     f = checked(found or facts())
-    least, most = sorted(100 * bound.at_most for bound in (f.by_rods, f.by_points))
-    low, high = min(f.offsets_deg), max(f.offsets_deg)
+    most = [100 * bound.at_most for bound in f.by_images]
+    alpha, beta, gamma = f.offsets_deg
     return (
-        f"The {PAPER_MM} mm is indeed the mean position error of the printed table, whose errors look "
-        f"random: independent from pose to pose, with a standard deviation of {np.mean(f.scatter_mm):.1f} mm in "
-        "each direction.",
-        "Errors of two cameras' images would look different, since they act mainly along the depth. "
-        "Whatever their size, they explain at most about a third of the squared position error "
-        f"({least:.0f} to {most:.0f} %); with the sizes that we assume, all known sources together "
-        f"explain {100 * f.assumed_share:.0f} %.",
-        f"Each angle has nearly the same error in all poses, {low:.1f}° to {high:.1f}°, as if it had been "
-        "read from a scale with a wrong zero.",
+        f"The {PAPER_MM} mm is indeed the mean position error of the printed table. The table's "
+        "position errors look random: they are independent from pose to pose, with a standard deviation of "
+        f"{np.mean(f.scatter_mm):.1f} mm in each direction.",
+        "Random errors of the images would look different: in each pose they are much larger in one "
+        "direction than in another. Whatever their size, they explain at most "
+        f"{min(most):.0f} to {max(most):.0f} % of the squared position error, depending on how the pose "
+        "is computed. With the sizes that we assume, all known sources together explain "
+        f"{100 * f.assumed_share:.0f} %.",
+        f"The angle errors are mostly constant: they scatter around {alpha:.1f}° (α), {beta:.1f}° (β) and "
+        f"{gamma:.1f}° (γ), as if each angle had been read from a scale with a wrong zero.",
         "Twenty poses are too few to tell which part of the set-up caused these errors.",
     )
 

@@ -28,8 +28,7 @@ def test_errors_of_the_assumed_sizes_make_a_twenty_fifth():
 
 def test_the_smooth_share_is_chances():
     # independent, normal, equal errors have the beta distribution with 3 and 24
-    observed = 0.0814818  # data/sweeps/patterns.csv
-    expected = stats.beta(3, 24).cdf(observed)
+    expected = stats.beta(3, 24).cdf(0.0814818)  # data/sweeps/patterns.csv
     assert FACTS.smooth_p == pytest.approx(expected, abs=4 * np.sqrt(expected / 4000))
 
 
@@ -53,10 +52,11 @@ def test_models_that_err_by_cameras_alone_are_all_refused():
         ({"E_t_mm": 0.4}, "the mean position error of the printed table"),
         ({"smooth_p": 0.999}, "independent from pose to pose"),
         ({"isotropic_p": 0.01}, "in each direction"),
-        ({"by_rods": FACTS.by_rods._replace(refused=3.0)}, "would look different"),
-        ({"by_points": FACTS.by_points._replace(at_most=0.6)}, "at most about a third"),
+        ({"by_images": (FACTS.by_images[0]._replace(refused=3.0),)}, "would look different"),
+        ({"elongation": 1.5}, "much larger in one direction"),
+        ({"by_images": (FACTS.by_images[0]._replace(at_most=0.6),)}, "they explain at most"),
         ({"assumed_share": 0.6}, "the sizes that we assume"),
-        ({"constant_share": 0.3}, "nearly the same error in all poses"),
+        ({"constant_share": 0.3}, "mostly constant"),
         ({"left": ("clamped anew",)}, "too few to tell"),
     ],
 )
