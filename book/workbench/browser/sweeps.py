@@ -25,7 +25,7 @@ class PageSweep(NamedTuple):
 
 SWEEPS = {
     "03_background": PageSweep(
-        "update_rate", "α of Eq. 6, a frame", (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
+        "update_rate", "α of Eq. 6, per frame", (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5)
     ),
     "06_matching": PageSweep(
         "ncc_threshold", "ε₀, the least correlation", (0.3, 0.5, 0.65, 0.8, 0.9)

@@ -89,11 +89,11 @@ def test_cones():
 def test_elevations_of_a_third_camera():
     rod, poses = datasets.load_handle("paper"), datasets.load_table1().set_poses
     litres, enough = [], []
-    for elevation_deg in range(10, 100, 10):
+    for elevation_deg in (10, 20, 30, 40, 60, 90):
         rig = datasets.paper_rig(elevation_deg)
         view = workspace.view_volume(rig)
         volume = f"{view.volume / 1e6:,.{0 if view.volume > 1e9 else 1}f}"
-        litres.append("no end" if view.status == "unbounded" else volume)
+        litres.append(view.status if view.status == "unbounded" else volume)
         seen = np.array(
             [
                 [
@@ -109,7 +109,6 @@ def test_elevations_of_a_third_camera():
         if elevation_deg == 10:
             agrees("02.5", at_10=view.status)
         if elevation_deg == 40:
-            says("02.5", f"40° in our standard rig, shares {min(shared)} to {max(shared)}.")
             agrees("02.5", share=0.1, poses_40=(shared >= 4).sum(), litres_40=view.volume / 1e6)
         if elevation_deg == 90:
             agrees("02.5", share=0.2, poses_90=(shared >= 4).sum(), litres_90=view.volume / 1e6)
