@@ -181,7 +181,7 @@ def test_from_three_webcams_to_a_tracked_handle(tmp_path, monkeypatch, capfd):
     error = position_errors(transforms(poses), truth).mean()
     # The calibration's errors are common to all poses; their own sigma knows them.
     page_says("book/lab_sheet.md", f"{INSTANTS} instants have a mean error of {error:.2f} mm")
-    page_says("book/lab_sheet.md", f"`sigma_mm` ({poses['sigma_mm'].median():.2f} mm) includes")
+    page_says("book/lab_sheet.md", f"`sigma_mm` ({poses['sigma_mm'].median():.2f} mm here)")
     assert error < 3 * poses["systematic_mm"].median()
     assert poses["systematic_mm"].median() < 0.31  # mm: what the sheet asks of a calibration
     write_poses(truth_table(truth), "truth.csv")
