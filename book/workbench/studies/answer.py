@@ -145,10 +145,10 @@ def sentences(found: Facts | None = None) -> tuple[str, ...]:
         "position errors look random: they are independent from pose to pose, with a standard deviation of "
         f"{np.mean(f.scatter_mm):.1f} mm in each direction.",
         "Random errors of the images would look different: in each pose they are much larger in one "
-        "direction than in another. Whatever their size, they explain at most "
+        "direction than in another. If their size is chosen freely, they explain at most "
         f"{min(most):.0f} to {max(most):.0f} % of the squared position error, depending on how the pose "
-        "is computed. With the sizes that we assume, all known sources together explain "
-        f"{100 * f.assumed_share:.0f} %.",
+        "is computed. If all known sources have the sizes that we assume, they explain only "
+        f"{100 * f.assumed_share:.0f} % together.",
         f"The angle errors are mostly constant: they scatter around {alpha:.1f}° (α), {beta:.1f}° (β) and "
         f"{gamma:.1f}° (γ), as if each angle had been read from a scale with a wrong zero.",
         "Twenty poses are too few to tell which part of the set-up caused these errors.",

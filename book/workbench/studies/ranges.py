@@ -18,7 +18,7 @@ from trinolab.files.inputs import get, read_toml
 from .protocol import Claim, load_claims
 
 UNDECIDED = "undecided"
-SHOWN = 3  # choices that a row names
+SHOWN = 2  # choices that a row names
 
 
 class Estimate(Protocol):
@@ -143,7 +143,7 @@ def deciding(verdict: str, others: Sequence[Elsewhere]) -> str:
     if not run or all(one.verdict == UNDECIDED == verdict for one in run):
         return rest.strip()
     if over_range(verdict, run) == verdict != UNDECIDED:
-        return f"Other choices tried: {len(run)}; it holds with each.{rest}"
+        return f"Other choices tried: {len(run)}, all with the same verdict.{rest}"
     turned = [one for one in run if one.verdict not in (verdict, UNDECIDED)]
     open_ = [one for one in run if one.verdict == UNDECIDED != verdict]
     open_.sort(key=lambda one: one.high - one.low)
@@ -155,8 +155,8 @@ def deciding(verdict: str, others: Sequence[Elsewhere]) -> str:
     ]
     more = len(turned) + len(open_) - len(named)
     others_too = f"; and {more} more" if more else ""
-    how = "Decided by" if turned else "Not shown with"
-    return f"As assumed: {verdict}. {how} {'; '.join(texts)}{others_too}.{rest}"
+    assumed = f"With our assumptions the verdict is {verdict}; it changes with"
+    return f"{assumed} {'; '.join(texts)}{others_too}.{rest}"
 
 
 def _judged(
