@@ -155,7 +155,7 @@ def deciding(verdict: str, others: Sequence[Elsewhere]) -> str:
     ]
     more = len(turned) + len(open_) - len(named)
     others_too = f"; and {more} more" if more else ""
-    assumed = f"With our assumptions the verdict is {verdict}; it changes with"
+    assumed = f'With our assumptions the verdict is "{verdict}". It changes with these choices:'
     return f"{assumed} {'; '.join(texts)}{others_too}.{rest}"
 
 

@@ -53,7 +53,7 @@ def test_a_verdict_holds_over_the_whole_range(others, verdict):
     ("verdict", "others", "words"),
     [
         ("match", ["undecided", "differs", "match"], ["b (A1): 0.5 (0.4", "differs", "and 1 more"]),
-        ("match", ["undecided"], ["changes with a (A1)", "undecided"]),
+        ("match", ["undecided"], ["these choices: a (A1)", "undecided"]),
         ("match", ["match"] * 3, ["tried: 3"]),
         ("match", ["match"] * 3 + ["not run"], ["tried: 3", "Not run: 1"]),
         ("undecided", ["undecided"], []),
