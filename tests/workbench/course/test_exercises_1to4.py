@@ -243,7 +243,6 @@ def test_a_vague_filter_of_one_number_takes_the_mean():
     assert not any(one([10.0] * 1000, 0.0, 0.01, 0.0, 1.0))
     refused = np.array(one([10.0] * 40, 0.0, 0.01, 1.0, 1.0)) == 0
     assert refused.tolist() == [True] * 10 + [False] * 30
-    says("04.2", "ten observations are refused, and the eleventh is accepted")
 
 
 def test_a_search_window_is_three_sigmas_of_the_package_s_prediction():
