@@ -144,8 +144,9 @@ def sentences(found: Facts | None = None) -> tuple[str, ...]:
         f"The {PAPER_MM} mm is indeed the mean position error of the printed table. The table's "
         "position errors look random: they are independent from pose to pose, with a standard deviation of "
         f"{np.mean(f.scatter_mm):.1f} mm in each direction.",
-        "Random errors of the images would look different: in each pose they are much larger in one "
-        "direction than in another. If their size is chosen freely, they explain at most "
+        "Random errors of the pixel coordinates would look different: in each pose they cause position "
+        "errors that are much larger in one direction than in another. If their size is chosen freely, "
+        "they explain at most "
         f"{min(most):.0f} to {max(most):.0f} % of the squared position error, depending on how the pose "
         "is computed. If all known sources have the sizes that we assume, they explain only "
         f"{100 * f.assumed_share:.0f} % together.",

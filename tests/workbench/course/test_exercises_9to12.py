@@ -90,7 +90,7 @@ def test_a_stricter_judge():
     def needed(level):
         """Clampings, and poses beyond the table."""
         return (
-            experiment.fewest(lambda m: power(2.0, 15 * (m - 1), 15 * m - 6, level), 0.9),
+            experiment.fewest(lambda m: power(2.0, 15 * m - 6, 15 * (m - 1), level), 0.9),
             experiment.fewest(lambda n: power(growth**2, n - 1, 19, level), 0.9),
         )
 
