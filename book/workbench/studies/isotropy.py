@@ -12,7 +12,7 @@ from scipy import stats
 from scipy.spatial.transform import RigidTransform
 
 from trinolab.camera import Rig
-from trinolab.checks import Array, as_array
+from trinolab.checks import Array, as_array, as_whole
 from trinolab.handle import Handle, facing_pixels
 from trinolab.sensitivity import motion_slopes, pixel_slopes
 
@@ -101,6 +101,23 @@ def of_images(
     Q, spread = _directions(positions, covariances)
     e = as_array(errors, "errors", (len(Q) // 3, 3))
     return bounds(Q.T @ e.ravel(), spread, level)[0]
+
+
+def power(
+    positions: ArrayLike,
+    covariances: ArrayLike,
+    share: float,
+    tables: int,
+    rng: np.random.Generator,
+    level: float = 0.05,
+) -> list[Bound]:
+    """The bounds of drawn tables in which the images make a share of the mean square; parameters as
+    in `of_images`.
+    """
+    _, spread = _directions(positions, covariances)
+    scale = np.sqrt(1 - share + share * spread)
+    y = scale * rng.standard_normal((as_whole(tables, "tables", 1), len(spread)))
+    return bounds(y, spread, level)
 
 
 def bounds(components: Array, spread: Array, level: float) -> list[Bound]:

@@ -69,15 +69,9 @@ def test_the_bound_by_another_likelihood(covariances, at_most, refused):
     assert bound.likeliest < bound.at_most / 2
 
 
-def drawn_bounds(share, tables):
-    """The bounds of drawn tables in which the images cause a share of the mean square."""
-    _, spread = isotropy._directions(POSITIONS, OF_POINTS)
-    scale = np.sqrt(1 - share + share * spread)
-    z = np.random.default_rng(1).standard_normal((tables, len(spread)))
-    return isotropy.bounds(scale * z, spread, 0.05)
-
-
 def test_the_bound_holds_the_truth_as_often_as_it_says():
-    held = np.mean([one.at_most >= 0.5 for one in drawn_bounds(0.5, 2000)])
+    found = isotropy.power(POSITIONS, OF_POINTS, 0.5, 2000, np.random.default_rng(1))
+    held = np.mean([one.at_most >= 0.5 for one in found])
     assert held == pytest.approx(0.95, abs=0.03)
-    assert np.mean([one.refused > 0 for one in drawn_bounds(1.0, 500)]) < 0.01
+    of_images = isotropy.power(POSITIONS, OF_POINTS, 1.0, 500, np.random.default_rng(2))
+    assert np.mean([one.refused > 0 for one in of_images]) < 0.01
