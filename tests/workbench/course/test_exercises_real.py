@@ -309,7 +309,7 @@ def test_the_same_camera_twice(corners):
 
 
 @needs("opencv_stereo")
-def test_a_camera_without_a_bent_lens(corners):
+def test_a_camera_without_its_distortion(corners):
     points, uv = corners
     one_term = cv2.CALIB_FIX_K2 | cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
     flags = {"none": one_term | cv2.CALIB_FIX_K1, "one": one_term, "four": cv2.CALIB_FIX_K3}
