@@ -139,7 +139,7 @@ def deciding(verdict: str, others: Sequence[Elsewhere]) -> str:
     """
     run = [one for one in others if one.verdict != "not run"]
     missing = len(others) - len(run)
-    rest = f" We did not run {_choices(missing)}." if missing else ""
+    rest = f" {_choices(missing)} {'was' if missing == 1 else 'were'} not run." if missing else ""
     if not run or all(one.verdict == UNDECIDED == verdict for one in run):
         return rest.strip()
     if over_range(verdict, run) == verdict != UNDECIDED:
