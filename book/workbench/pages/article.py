@@ -103,12 +103,7 @@ def checked(board: pd.DataFrame) -> pd.DataFrame:
 
 def values(facts: cause.Facts) -> dict[str, Any]:
     """Numbers that the article alone quotes."""
-    return {
-        **_of_the_protocol(),
-        **_of_table1(facts),
-        **_of_the_lever(),
-        "damaged": _of_the_damaged(),
-    }
+    return {**_of_the_protocol(), **_of_table1(facts), **_of_the_lever(), **_of_the_damaged()}
 
 
 def _of_the_damaged() -> dict[str, Any]:
@@ -116,9 +111,9 @@ def _of_the_damaged() -> dict[str, Any]:
     table = load_sweep("stress")
     some = table[(table["estimator"] == BEST) & (table["fault"] != "none")]
     return {
-        "instants": f"{some['n'].sum():,}",
-        "measured": f"{some['measured'].sum():,}",
-        "faults": _listed(some["fault"][some["wrong"] > 0].drop_duplicates().to_list()),
+        "damaged_instants": f"{some['n'].sum():,}",
+        "damaged_measured": f"{some['measured'].sum():,}",
+        "damaged_faults": _listed(some["fault"][some["wrong"] > 0].drop_duplicates().to_list()),
     }
 
 
