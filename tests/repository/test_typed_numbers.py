@@ -258,9 +258,8 @@ def test_what_refining_brings():
     low, high, _ = intervals.of_mean(after)
     page_says(
         "book/commands.md",
-        f"{refined.INSTANTS} instants reduced the error of other poses, measured with the paper's "
-        f"two cameras, from {before.mean():.2f} mm to {after.mean():.3f} mm ({low:.3f} to "
-        f"{high:.3f}, 95 %)",
+        f"two cameras and {refined.INSTANTS} instants, `refine` reduced the error of other poses "
+        f"from {before.mean():.2f} mm to {after.mean():.3f} mm ({low:.3f} to {high:.3f}, 95 %)",
     )
 
 
@@ -269,7 +268,7 @@ def test_the_step_that_stands_for_the_assumed_rate():
     nearest = rates[np.abs(rates - BackgroundParameters().update_rate).argmin()]
     page_says(
         "book/report.md",
-        f"no step at the assumed 0.01, so that its nearest step, {nearest:g}, stands for it",
+        f"no step at the assumed 0.01; the nearest, {nearest:g}, replaces it",
     )
 
 

@@ -17,6 +17,7 @@ import yaml
 from trinolab.datasets import load_handle, load_rig, load_sweep, load_table1
 from trinolab.files.inputs import read_toml
 from trinolab.files.outputs import write_whole
+from trinolab.methods import BEST
 
 from ..plotting.basics import write_drawing
 from ..plotting.structure import plot_rig
@@ -102,7 +103,18 @@ def checked(board: pd.DataFrame) -> pd.DataFrame:
 
 def values(facts: cause.Facts) -> dict[str, Any]:
     """Numbers that the article alone quotes."""
-    return {**_of_the_protocol(), **_of_table1(facts), **_of_the_lever()}
+    return {**_of_the_protocol(), **_of_table1(facts), **_of_the_lever(), **_of_the_damaged()}
+
+
+def _of_the_damaged() -> dict[str, Any]:
+    """Instants with a fault, measured poses, and the faults of the wrong ones (claim 11b)."""
+    table = load_sweep("stress")
+    some = table[(table["estimator"] == BEST) & (table["fault"] != "none")]
+    return {
+        "damaged_instants": f"{some['n'].sum():,}",
+        "damaged_measured": f"{some['measured'].sum():,}",
+        "damaged_faults": _listed(some["fault"][some["wrong"] > 0].drop_duplicates().to_list()),
+    }
 
 
 def _of_the_protocol() -> dict[str, Any]:
@@ -125,6 +137,7 @@ def _of_table1(facts: cause.Facts) -> dict[str, Any]:
     table = load_table1()
     angles = deviations.exact([table.measured], table.set_poses).angles_deg[0]
     budget = _budget()
+    registered = load_sweep("budget").set_index(["registration", "source"])["E_t_mm"]
     patterns = load_sweep("patterns")
     of_points = isotropy.of_points(load_rig("paper_pair"), table.set_poses.translation)
     per_px = np.sqrt(of_points.mean(axis=0).diagonal())
@@ -138,6 +151,7 @@ def _of_table1(facts: cause.Facts) -> dict[str, Any]:
         "at_most": _listed([f"{100 * bound.at_most:.0f} %" for bound in facts.by_images]),
         "assumed_mm": f"{budget.loc['certain', 'mm']:.2g}",
         "table_mm": f"{budget.loc['Table 1', 'mm']:.2g}",
+        "table_mean_mm": f"{registered['20 poses', 'Table 1']:.2g}",
         "smooth_p": f"{facts.smooth_p:.2f}",
         "chance_tables": f"{TABLES:,}",
         "magnified": f"{MAGNIFIED:g}",

@@ -56,7 +56,7 @@ def limits_table() -> str:
         (
             "TOML",
             f"{_mib(limits.TOML_BYTES)}, {limits.ENTRIES:,} commas and lines, {limits.BRACKETS:,} "
-            f"tables and lists, {limits.DOTS} dots in a name, {limits.ALL_DOTS:,} in all",
+            f"tables and lists, {limits.DOTS} dots in a name, {limits.ALL_DOTS:,} dots in all names",
         ),
         ("the covariance of a rig", _mib(limits.COVARIANCE_BYTES)),
         (

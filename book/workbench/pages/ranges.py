@@ -58,7 +58,7 @@ def _interval(low: float, high: float) -> dict[str, float | None]:
 
 def decisive(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Assumptions that matter most: those that reverse most verdicts, then those that move a row of the front
-    most. Each has its choices and its effects on the rows that it moves most.
+    most. Each has its choices and its effects on the rows that it moves most; an unmoved row is left out.
     """
     effects: dict[str, list[dict[str, Any]]] = {}
     for one in found:
@@ -76,7 +76,7 @@ def decisive(found: list[dict[str, Any]]) -> list[dict[str, Any]]:
     table = []
     for name in sorted(effects, key=weight, reverse=True)[:MATTER]:
         strongest: dict[str, dict[str, Any]] = {}
-        for effect in effects[name]:
+        for effect in (one for one in effects[name] if one["change"] > 0):
             before = strongest.get(effect["no"], effect)
             strongest[effect["no"]] = max(before, effect, key=strength)
         table.append(

@@ -122,7 +122,7 @@ def checked(found: Facts) -> Facts:
         "the mean position error of the printed table": abs(found.E_t_mm - PAPER_MM) <= 0.005,
         "independent from pose to pose": LEVEL / 2 < found.smooth_p < 1 - LEVEL / 2,
         "in each direction": found.isotropic_p > LEVEL,
-        "would look different": min(bound.refused for bound in found.by_images) > 20.0,
+        "do not look like": min(bound.refused for bound in found.by_images) > 20.0,
         "much larger in one direction": found.elongation > 2.0,
         "they explain at most": max(most) < 0.5,
         "the sizes that we assume": found.assumed_share < min(most),
@@ -144,14 +144,15 @@ def sentences(found: Facts | None = None) -> tuple[str, ...]:
         f"The {PAPER_MM} mm is indeed the mean position error of the printed table. The table's "
         "position errors look random: they are independent from pose to pose, with a standard deviation of "
         f"{np.mean(f.scatter_mm):.1f} mm in each direction.",
-        "Random errors of the pixel coordinates would look different: in each pose they cause position "
-        "errors that are much larger in one direction than in another. If their size is chosen freely, "
-        "they explain at most "
-        f"{min(most):.0f} to {max(most):.0f} % of the squared position error, depending on how the pose "
-        "is computed. If all known sources have the sizes that we assume, they explain only "
-        f"{100 * f.assumed_share:.0f} % together.",
-        f"The angle errors are mostly constant: they scatter around {alpha:.1f}° (α), {beta:.1f}° (β) and "
-        f"{gamma:.1f}° (γ), as if each angle had been read from a scale with a wrong zero.",
+        "But they do not look like the effect of random errors of the pixel coordinates. Those cause "
+        "position errors that are much larger in one direction than in another. If the pixel errors may "
+        "have any size, they explain at most a part of the squared position error: "
+        f"{most[0]:.0f}, {most[1]:.0f} or {most[2]:.0f} %, for three ways of computing the position. If "
+        f"all known sources have the sizes that we assume, they explain only {100 * f.assumed_share:.0f} % "
+        "together.",
+        "The errors of the three angles (α, β and γ, about z, y and x) are mostly constant: they scatter "
+        f"around {alpha:.1f}°, {beta:.1f}° and {gamma:.1f}°, as if each angle had been read from a scale "
+        "with a wrong zero.",
         "Twenty poses are too few to tell which part of the set-up caused these errors.",
     )
 

@@ -70,6 +70,13 @@ def test_a_verdict_that_the_text_does_not_know_stops_the_build(board):
         article.checked(changed)
 
 
+def test_the_reason_of_11b_has_the_numbers_of_the_table(numbers):
+    (reason,) = [claim.reason for claim in load_claims() if claim.no == "11b"]
+    said = f"Of {numbers['damaged_instants']} instants with a fault, {numbers['damaged_measured']} were"
+    assert reason.startswith(f"{said} measured. One pose is wrong")
+    assert numbers["damaged_faults"] == "rolling shutter 10 ms"
+
+
 def test_it_begins_with_the_answer_and_the_metadata_have_the_abstract(text):
     abstract = text.split("## Abstract")[1].split("##")[0]
     assert abstract.strip().startswith(answer.sentence())

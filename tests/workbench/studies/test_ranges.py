@@ -52,10 +52,14 @@ def test_a_verdict_holds_over_the_whole_range(others, verdict):
 @pytest.mark.parametrize(
     ("verdict", "others", "words"),
     [
-        ("match", ["undecided", "differs", "match"], ["b (A1): 0.5 (0.4", "differs", "and 1 more"]),
+        (
+            "match",
+            ["undecided", "differs", "match"],
+            ["b (A1): 0.5 (0.4", "differs", "and 1 other choice."],
+        ),
         ("match", ["undecided"], ["these choices: a (A1)", "undecided"]),
-        ("match", ["match"] * 3, ["tried: 3"]),
-        ("match", ["match"] * 3 + ["not run"], ["tried: 3", "Not run: 1"]),
+        ("match", ["match"] * 3, ["same with 3 other choices."]),
+        ("match", ["match"] * 3 + ["not run"], ["same with 3", "1 other choice was not run."]),
         ("undecided", ["undecided"], []),
         ("undecided", ["differs"], ["a (A1)", "differs"]),
         ("match", [], []),
