@@ -38,10 +38,13 @@ CORNERS = "not run: OpenCV.js has no findChessboardCorners"
 SOLVEPNP = (
     "the browser's solvePnP is that of OpenCV 5; in which draws it differs is not looked into"
 )
+TRACKED = "not run: tracking is compiled by Numba, which no browser has"
 # What may differ by more, by the chapter and how the name begins, and why.
 APART = {
+    ("01_structure", "film_"): TRACKED,
     ("07_calibration", "corner_"): CORNERS,
     ("07_calibration", "half_window"): CORNERS,
+    ("07_calibration", "assumed_px"): CORNERS,
     ("07_calibration", "opencv_by_sigma"): "how far OpenCV's minimum is from ours; here SciPy's is",
     ("07_calibration", "free_apart_um"): "how far OpenCV's minimum is from ours; here SciPy's is",
     ("08_pose", "pnp_"): SOLVEPNP,

@@ -142,5 +142,8 @@ def test_an_error_names_the_line_of_the_cell(door_page):
         ("ModuleNotFoundError(name='mujoco')", "MuJoCo"),
         ("NotImplementedError('x')", "x"),
     ):
-        session.run(f"raise {source}", "more")
+        session.run(f"half = 1\nraise {source}", "more")
+        assert word in door_page.outputs[-1]["cannot"]
+        # the cell leaves nothing behind, and what needs it cannot run either
+        session.run("half", "after")
         assert word in door_page.outputs[-1]["cannot"]

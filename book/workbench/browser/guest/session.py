@@ -12,6 +12,7 @@ import io
 import json
 import os
 import rlcompleter
+import symtable
 import sys
 import traceback
 import types
@@ -26,6 +27,7 @@ from . import door, substitutes
 REQUEST = Path("/tmp/request.json")
 CELLS = Path("/tmp/cells")
 namespace: dict[str, Any] = {}
+_lost: dict[str, str] = {}  # what cells that cannot run here would have assigned, and why not
 
 
 def start(book: str = "/book") -> None:
@@ -86,7 +88,10 @@ def run(source: str, name: str = "cell") -> None:
             show(value)
         _show_figures()
     except BaseException as error:
-        _report(error)
+        cannot = _what_cannot_run(error)
+        if cannot is not None:
+            _forget(source, cannot)
+        _report(error, cannot)
     finally:
         sys.stdout.flush()
         sys.stderr.flush()
@@ -178,19 +183,29 @@ def close_figures() -> None:
         pyplot.close("all")
 
 
-def _report(error: BaseException) -> None:
+def _forget(source: str, why: str) -> None:
+    """Take back what a cell has assigned before it failed, and remember why it is missing."""
+    for symbol in symtable.symtable(source, "cell", "exec").get_symbols():
+        if symbol.is_assigned():
+            namespace.pop(symbol.get_name(), None)
+            _lost[symbol.get_name()] = why
+
+
+def _report(error: BaseException, cannot: str | None) -> None:
     """Hand out an error with the lines of the cells that led to it."""
     frames = traceback.extract_tb(error.__traceback__)
     own = [frame for frame in frames if "/guest/session.py" not in frame.filename]
     lines = ["Traceback (most recent call last):\n", *traceback.format_list(own)]
     text = "".join([*lines, *traceback.format_exception_only(error)])
-    _hand_out({"type": "error", "text": text, "cannot": _what_cannot_run(error)})
+    _hand_out({"type": "error", "text": text, "cannot": cannot})
 
 
 def _what_cannot_run(error: BaseException) -> str | None:
     """Why a cell cannot run in a browser at all, if that is what its error means."""
     if isinstance(error, NotImplementedError):
         return str(error)
+    if isinstance(error, NameError):
+        return _lost.get(error.name or "")
     if isinstance(error, ModuleNotFoundError) and error.name:
         name = error.name.partition(".")[0]
         if name in substitutes.MISSING:
