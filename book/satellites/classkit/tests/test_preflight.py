@@ -92,7 +92,7 @@ def test_how_much_of_a_blur_shows(tmp_path):
     assert [verdict(one, criteria.FOCUS) for one in (little, much)] == [USABLE, NOT_USABLE]
     fifths = 5 * little.loc[criteria.FOCUS.what, "value"] / np.hypot(0.7, 2.0)
     assert round(fifths) == 4
-    page_says("book/commands.md", "of 2 px on markers of 7 px it shows four fifths.")
+    page_says("book/commands.md", "of 2 px on markers of 7 px is shown as 1.6 px.")
     assert much.loc[criteria.FOUND.what, "value"] == 0
     assert "on markers of 7 px a blur of 3 px leaves no pose" in criteria.FOCUS.why
 
