@@ -148,8 +148,8 @@ def sentences(found: Facts | None = None) -> tuple[str, ...]:
         "position errors that are much larger in one direction than in another. If the pixel errors may "
         "have any size, they explain at most a part of the squared position error: "
         f"{most[0]:.0f}, {most[1]:.0f} or {most[2]:.0f} %, for three ways of computing the position. If "
-        f"all known sources have the sizes that we assume, they explain only {100 * f.assumed_share:.0f} % "
-        "together.",
+        "the sources that were certainly there have the sizes that we assume, they explain only "
+        f"{100 * f.assumed_share:.0f} % together.",
         "The errors of the three angles (α, β and γ, about z, y and x) are mostly constant: they scatter "
         f"around {alpha:.1f}°, {beta:.1f}° and {gamma:.1f}°, as if each angle had been read from a scale "
         "with a wrong zero.",
