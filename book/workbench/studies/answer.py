@@ -124,7 +124,7 @@ def checked(found: Facts) -> Facts:
         "in each direction": found.isotropic_p > LEVEL,
         "do not look like": min(bound.refused for bound in found.by_images) > 20.0,
         "much larger in one direction": found.elongation > 2.0,
-        "pixel errors explain at most": max(most) < 0.5,
+        "errors explain at most": max(most) < 0.5,
         "the sizes that we assume": found.assumed_share < min(most),
         "mostly constant": found.constant_share > 0.5,
         "too few to tell": len(found.left) != 1,
