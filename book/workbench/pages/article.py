@@ -31,6 +31,7 @@ ROOT = Path(__file__).resolve().parents[3]
 TEMPLATE = "article.md.j2"
 RIG, HANDLE, ROW = "raised_40deg", "paper", 5  # of the picture of the rig; a row of Table 1
 AXIS_MM = 60.0  # how long the handle's axes are drawn
+SHORT = "of the set angles", "of angles"  # in the names of models
 MAGNIFIED = 50.0
 TABLES = 4000  # drawn, for a probability
 SEED = 0
@@ -163,7 +164,7 @@ def _of_table1(facts: cause.Facts) -> dict[str, Any]:
         "cameras_p": f"{max(facts.by_cameras.values()):.2g}",
         "tests": int((~patterns["fitted"]).sum()),
         "level": cause.LEVEL,
-        "left": _listed([f"*{name}*" for name in facts.left]) or "none",
+        "left": _listed([f"*{name}*" for name in facts.left]).replace(*SHORT) or "none",
     }
 
 
@@ -245,7 +246,7 @@ def _draw_budget() -> Any:
 
 def _draw_refused() -> Any:
     table = load_sweep("patterns")
-    short = table["model"].str.replace("of the set angles", "of angles")
+    short = table["model"].str.replace(*SHORT)
     short = short.str.replace("reference turned + handle set askew", "misalignments", regex=False)
     return plot_refused(table.assign(model=short), STATISTICS, cause.LEVEL).figure
 

@@ -139,11 +139,11 @@ def deciding(verdict: str, others: Sequence[Elsewhere]) -> str:
     """
     run = [one for one in others if one.verdict != "not run"]
     missing = len(others) - len(run)
-    rest = f" {_choices(missing)} {'was' if missing == 1 else 'were'} not run." if missing else ""
+    rest = f" We did not run {_choices(missing, 'further')}." if missing else ""
     if not run or all(one.verdict == UNDECIDED == verdict for one in run):
         return rest.strip()
     if over_range(verdict, run) == verdict != UNDECIDED:
-        return f"The verdict is the same with {_choices(len(run))}.{rest}"
+        return f"The verdict is the same with {_choices(len(run), 'other')}.{rest}"
     turned = [one for one in run if one.verdict not in (verdict, UNDECIDED)]
     open_ = [one for one in run if one.verdict == UNDECIDED != verdict]
     open_.sort(key=lambda one: one.high - one.low)
@@ -154,13 +154,13 @@ def deciding(verdict: str, others: Sequence[Elsewhere]) -> str:
         for one in named
     ]
     more = len(turned) + len(open_) - len(named)
-    others_too = f"; and {_choices(more)}" if more else ""
+    others_too = f"; and {_choices(more, 'more')}" if more else ""
     assumed = f'With our assumptions the verdict is "{verdict}". It changes with these choices:'
     return f"{assumed} {'; '.join(texts)}{others_too}.{rest}"
 
 
-def _choices(count: int) -> str:
-    return f"{count} other choice{'s' if count > 1 else ''}"
+def _choices(count: int, kind: str) -> str:
+    return f"{count} {kind} choice{'s' if count > 1 else ''}"
 
 
 def _judged(

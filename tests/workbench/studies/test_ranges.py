@@ -55,11 +55,11 @@ def test_a_verdict_holds_over_the_whole_range(others, verdict):
         (
             "match",
             ["undecided", "differs", "match"],
-            ["b (A1): 0.5 (0.4", "differs", "and 1 other choice."],
+            ["b (A1): 0.5 (0.4", "differs", "and 1 more choice."],
         ),
         ("match", ["undecided"], ["these choices: a (A1)", "undecided"]),
         ("match", ["match"] * 3, ["same with 3 other choices."]),
-        ("match", ["match"] * 3 + ["not run"], ["same with 3", "1 other choice was not run."]),
+        ("match", ["match"] * 3 + ["not run"], ["same with 3", "We did not run 1 further choice."]),
         ("undecided", ["undecided"], []),
         ("undecided", ["differs"], ["a (A1)", "differs"]),
         ("match", [], []),
