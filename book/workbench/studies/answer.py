@@ -119,12 +119,12 @@ def checked(found: Facts) -> Facts:
     """
     most = [bound.at_most for bound in found.by_images]
     parts = {
-        "the mean position error of their printed table": abs(found.E_t_mm - PAPER_MM) <= 0.005,
+        "printed table is indeed": abs(found.E_t_mm - PAPER_MM) <= 0.005,
         "independent from pose to pose": LEVEL / 2 < found.smooth_p < 1 - LEVEL / 2,
         "in each direction": found.isotropic_p > LEVEL,
-        "do not look like": min(bound.refused for bound in found.by_images) > 20.0,
+        "Whatever their size": min(bound.refused for bound in found.by_images) > 20.0,
         "much larger in one direction": found.elongation > 2.0,
-        "errors explain at most": max(most) < 0.5,
+        "they explain at most": max(most) < 0.5,
         "the sizes that we assume": found.assumed_share < min(most),
         "mostly constant": found.constant_share > 0.5,
         "too few to tell": len(found.left) != 1,
@@ -141,18 +141,15 @@ def sentences(found: Facts | None = None) -> tuple[str, ...]:
     most = [100 * bound.at_most for bound in f.by_images]
     alpha, beta, gamma = f.offsets_deg
     return (
-        f"Liu et al. state that their cameras measure the position of a handle with a mean error of {PAPER_MM} mm. "
-        "This is indeed the mean position error of their printed table. The table's position errors look random: "
-        "they are independent from pose to pose, with a standard deviation of "
+        f"The mean position error of the paper's printed table is indeed {PAPER_MM} mm, and its position errors "
+        "look random: independent from pose to pose, with a standard deviation of "
         f"{np.mean(f.scatter_mm):.1f} mm in each direction.",
-        "But they do not look like the effect of random errors of the pixel coordinates. Those cause position errors "
-        "that are much larger in one direction than in another. Whatever their size, pixel errors explain at most "
-        f"{most[0]:.0f}, {most[1]:.0f} or {most[2]:.0f} % of the mean squared position error; the three numbers belong "
-        "to three ways of computing the position. If the sources that were certainly there have the sizes that we "
-        f"assume, they explain only {100 * f.assumed_share:.0f} % together.",
-        "The errors of the three angles (α, β and γ, about z, y and x) are mostly constant: they scatter "
-        f"around {alpha:.1f}°, {beta:.1f}° and {gamma:.1f}°, as if each angle had been read from a scale "
-        "with a wrong zero.",
+        "Random errors of the pixel coordinates would be much larger in one direction than in another. Whatever "
+        f"their size, they explain at most {min(most):.0f} to {max(most):.0f} % of the mean squared position "
+        "error, depending on how the position is computed; with the sizes that we assume, all sources that were "
+        f"certainly there explain {100 * f.assumed_share:.0f} %.",
+        f"The error of each angle is mostly constant ({alpha:.1f}°, {beta:.1f}° and {gamma:.1f}° for α, β and γ), "
+        "as if the angle had been read from a scale with a wrong zero.",
         "Twenty poses are too few to tell which part of the set-up caused these errors.",
     )
 

@@ -49,12 +49,12 @@ def test_models_that_err_by_cameras_alone_are_all_refused():
 @pytest.mark.parametrize(
     ("change", "part"),
     [
-        ({"E_t_mm": 0.4}, "the mean position error of their printed table"),
+        ({"E_t_mm": 0.4}, "printed table is indeed"),
         ({"smooth_p": 0.999}, "independent from pose to pose"),
         ({"isotropic_p": 0.01}, "in each direction"),
-        ({"by_images": (FACTS.by_images[0]._replace(refused=3.0),)}, "do not look like"),
+        ({"by_images": (FACTS.by_images[0]._replace(refused=3.0),)}, "Whatever their size"),
         ({"elongation": 1.5}, "much larger in one direction"),
-        ({"by_images": (FACTS.by_images[0]._replace(at_most=0.6),)}, "errors explain at most"),
+        ({"by_images": (FACTS.by_images[0]._replace(at_most=0.6),)}, "they explain at most"),
         ({"assumed_share": 0.6}, "the sizes that we assume"),
         ({"constant_share": 0.3}, "mostly constant"),
         ({"left": ("clamped anew",)}, "too few to tell"),
