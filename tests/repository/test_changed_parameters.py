@@ -14,7 +14,7 @@ QUOTED = {
     "background-30": {"step_verdict"},
     "background-40": {"printed_poses", "cured_poses"},
     "matching-28": {"threshold_verdict", "without_mm", "high_mm"},
-    "matching-36": {"E_t_mm", "layout_E_t_mm"},
+    "matching-36": {"fitted_instants", "measured_instants"},
 }
 
 
